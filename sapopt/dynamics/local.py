@@ -1,0 +1,115 @@
+"""What agent-local dynamics offer: each agent's longest path under task prices.
+
+A dynamics is *agent-local* when the state splits into one finite state per agent that only the agent's own assignments
+change. Once the task capacities are priced, the agents no longer see each other, and the best a single agent can do is
+a longest path. `PathOracle` is the interface through which dual methods ask for those paths.
+
+Two ways in: a dynamics may bring its own oracle (method ``path_oracle(benefits, state)``, as `SwitchingCost` does, with
+compiled recursions), or describe its finite state by the small protocol `LocalModel` and use `LocalOracle`, which is
+generic and slower.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@runtime_checkable
+class PathOracle(Protocol):
+    """Longest priced paths of the agents over one window of steps."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(T, n, m) of the window the oracle was made for."""
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of every agent's longest path under `prices` (T, m)."""
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+
+
+@runtime_checkable
+class LocalModel(Protocol):
+    """A finite state per agent, numbered 0..S-1 (the same number S for all agents).
+
+    The state before step k and the task held at step k determine the state before step k+1 and what the handover adds
+    to the benefit (never the other agents).
+    """
+
+    def state_count(self) -> int:
+        """Number S of local states."""
+
+    def start(self, agent: int) -> int:
+        """Local state of `agent` before the first step of the window."""
+
+    def step(self, k: int, agent: int, benefit: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Successor (S, m) of every local state under every task, and handover (S, m) added to `benefit` (m,).
+
+        A handover of -inf forbids the task in that state.
+        """
+
+
+class LocalOracle:
+    """Longest paths of any `LocalModel`, by plain dynamic programming: O(T S m) an agent, in numpy.
+
+    Parameters
+    ----------
+    benefits : (T, n, m) float array, or anything with `shape` and `step(k)`
+        Static benefits of the window.
+    model : LocalModel
+        The agents' finite states.
+    """
+
+    def __init__(self, benefits: Any, model: LocalModel) -> None:
+        self._benefits = benefits
+        self._model = model
+        self._shape: tuple[int, int, int] = tuple(int(d) for d in benefits.shape)  # type: ignore[assignment]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(T, n, m) of the window."""
+        return self._shape
+
+    def _benefit(self, k: int, agent: int) -> FloatArray:
+        step = self._benefits.step(k) if hasattr(self._benefits, "step") else self._benefits[k]
+        row = step[[agent]].toarray()[0] if hasattr(step, "toarray") else step[agent]
+        return np.asarray(row, dtype=np.float64)
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent under `prices` (T, m)."""
+        T, _, _ = self._shape
+        S = self._model.state_count()
+        to_go = np.zeros(S)
+        choice = np.empty((T, S), dtype=np.int64)
+        follow = np.empty((T, S), dtype=np.int64)
+        for k in range(T - 1, -1, -1):
+            benefit = self._benefit(k, agent)
+            successor, handover = self._model.step(k, agent, benefit)
+            total = (benefit - prices[k])[None, :] + handover + to_go[successor]
+            choice[k] = total.argmax(axis=1)
+            rows = np.arange(S)
+            follow[k] = successor[rows, choice[k]]
+            to_go = total[rows, choice[k]]
+        s = self._model.start(agent)
+        value = float(to_go[s])
+        path = np.empty(T, dtype=np.int64)
+        for k in range(T):
+            path[k] = choice[k, s]
+            s = int(follow[k, s])
+        return value, path
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
+        T, n, _ = self._shape
+        values = np.empty(n)
+        plan = np.empty((T, n), dtype=np.int64)
+        for i in range(n):
+            values[i], plan[:, i] = self.best_path(i, prices)
+        return values, plan

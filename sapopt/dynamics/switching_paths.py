@@ -1,0 +1,180 @@
+"""Path oracles of `SwitchingCost`: the three cost rules, from dense or flat sparse benefits.
+
+`oracle(benefits, dynamics, state)` picks the recursion; see `switching_paths_kernels` for the mathematics.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.dynamics import switching_paths_kernels as kernels
+from sapopt.dynamics.local import FloatArray, IntArray, PathOracle
+
+
+def flat_benefits(benefits: Any) -> tuple[IntArray, NDArray[np.int32], FloatArray, tuple[int, int, int]]:
+    """Benefits as one CSR of T*n rows (row k*n + i): (indptr, indices, data, (T, n, m)). Explicit zeros are dropped."""
+    T, n, m = (int(d) for d in benefits.shape)
+    if hasattr(benefits, "flat") and getattr(benefits, "is_sparse", False):
+        flat = benefits.flat()
+        indptr = np.ascontiguousarray(flat.indptr, dtype=np.int64)
+        indices = np.ascontiguousarray(flat.indices, dtype=np.int32)
+        data = np.ascontiguousarray(flat.data, dtype=np.float64)
+        return indptr, indices, data, (T, n, m)
+    dense = np.asarray(benefits.dense() if hasattr(benefits, "dense") else benefits, dtype=np.float64)
+    rows = dense.reshape(T * n, m)
+    filled = rows != 0.0
+    indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=1))]).astype(np.int64)
+    return indptr, np.nonzero(filled)[1].astype(np.int32), rows[filled], (T, n, m)
+
+
+class _Switching:
+    """Common part: the window's benefits, the tasks held before it, and the checks."""
+
+    def __init__(self, benefits: Any, state: Any) -> None:
+        self.indptr, self.indices, self.data, self._shape = flat_benefits(benefits)
+        _, n, m = self._shape
+        if np.isnan(self.data).any() or np.isposinf(self.data).any():
+            raise ValueError("benefits: NaN or +inf found; use finite numbers, or -inf for a forbidden pair")
+        self.start = np.full(n, -1, dtype=np.int64)
+        if state is not None:
+            held = np.asarray(state, dtype=np.int64)
+            if held.shape != (n,) or (n and (held.min() < 0 or held.max() >= m)):
+                raise ValueError(f"state: expected the previous task of each of {n} agents, numbers in 0..{m - 1}")
+            self.start = held.copy()
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(T, n, m) of the window."""
+        return self._shape
+
+    def _prices(self, prices: FloatArray) -> FloatArray:
+        T, _, m = self._shape
+        p = np.ascontiguousarray(prices, dtype=np.float64)
+        if p.shape != (T, m):
+            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
+        return p
+
+    def _chunks(self) -> int:
+        # a few chunks a thread even out the agents' different numbers of tasks
+        return min(max(1, self._shape[1]), 8 * int(numba.get_num_threads()))
+
+
+class StrictSwitching(_Switching):
+    """Every change of task pays the same cost."""
+
+    def __init__(self, benefits: Any, cost: float, state: Any) -> None:
+        super().__init__(benefits, state)
+        T, n, m = self._shape
+        self.cost = float(cost)
+        # A task with a negative or forbidden entry is no safe parking place, so every agent keeps it as a slot.
+        self.excluded = np.zeros(m, dtype=np.bool_)
+        self.excluded[self.indices[self.data < 0.0]] = True
+        always = self.excluded
+        self.slot_ptr, self.slot_task, self.entry_slot = kernels.seen_tasks(
+            self.indptr, self.indices, n, T, m, self.start, always
+        )
+        # The parking table costs O(T^2 m) once and O(T^2) an agent; with few tasks a slot for each is cheaper.
+        self.park = bool(self.slot_task.size / max(n, 1) + T / 2 < m)
+        if not self.park:
+            self.slot_ptr, self.slot_task, self.entry_slot = kernels.seen_tasks(
+                self.indptr, self.indices, n, T, m, self.start, np.ones(m, dtype=np.bool_)
+            )
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
+        p = self._prices(prices)
+        if self.park:
+            table, task = kernels.parking_table(p, self.excluded)
+        else:
+            table, task = np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int32)
+        values, plan = kernels.strict_paths(
+            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
+            self.park, table, task, self.excluded, self._chunks(),
+        )  # fmt: skip
+        return values, plan
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        value, path = kernels.strict_path_all_tasks(
+            agent, self._shape[1], self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
+        )
+        return float(value), path
+
+
+class IdleFreeSwitching(_Switching):
+    """Only a move into a positive benefit pays."""
+
+    def __init__(self, benefits: Any, cost: float, state: Any) -> None:
+        super().__init__(benefits, state)
+        _, _, m = self._shape
+        self.cost = float(cost)
+        widest = int(np.diff(self.indptr).max(initial=0))
+        self._count = min(m, widest + 1)
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
+        p = self._prices(prices)
+        cheapest = kernels.cheapest_tasks(p, self._count)
+        values, plan = kernels.idle_free_paths(
+            self.indptr, self.indices, self.data, self._shape[1], self.cost, self.start, p, cheapest, self._chunks()
+        )
+        return values, plan
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        value, path = kernels.idle_free_path(
+            agent, self._shape[1], self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
+        )
+        return float(value), path
+
+
+class MatrixSwitching(_Switching):
+    """The cost of a move depends on both tasks: O(T m^2) an agent."""
+
+    def __init__(self, benefits: Any, cost: FloatArray, idle_is_free: bool, state: Any) -> None:
+        super().__init__(benefits, state)
+        m = self._shape[2]
+        self.cost = np.ascontiguousarray(cost, dtype=np.float64)
+        if self.cost.shape != (m, m):
+            raise ValueError(f"cost: expected a number or a matrix of shape {(m, m)}, got {self.cost.shape}")
+        self.idle_is_free = bool(idle_is_free)
+
+    def _paths(self, prices: FloatArray, first: int, last: int) -> tuple[FloatArray, IntArray]:
+        values, plan = kernels.matrix_paths(
+            self.indptr, self.indices, self.data, self._shape[1], self.cost, self.idle_is_free, self.start,
+            self._prices(prices), first, last,
+        )  # fmt: skip
+        return values, plan
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
+        return self._paths(prices, 0, self._shape[1])
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        values, plan = self._paths(prices, agent, agent + 1)
+        return float(values[0]), plan[:, 0]
+
+
+def oracle(benefits: Any, dynamics: Any, state: Any = None) -> PathOracle:
+    """The path oracle of a `SwitchingCost`.
+
+    Parameters
+    ----------
+    benefits : Benefits or (T, n, m) float array
+        The window's benefits; sparse ones are never expanded.
+    dynamics : SwitchingCost
+        `cost` a number or an (m, m) matrix, `idle_is_free`.
+    state : (n,) int array or None
+        Tasks held before the first step; None makes the first step free.
+    """
+    cost = np.asarray(dynamics.cost, dtype=np.float64)
+    if cost.ndim == 2:
+        return MatrixSwitching(benefits, cost, dynamics.idle_is_free, state)
+    if dynamics.idle_is_free:
+        return IdleFreeSwitching(benefits, float(cost), state)
+    return StrictSwitching(benefits, float(cost), state)
