@@ -1,0 +1,167 @@
+"""Tasks on the ground: where they are and what they are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from sapopt.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTasks:
+    """Tasks at fixed places on the ground.
+
+    Attributes
+    ----------
+    latitude_deg, longitude_deg : ndarray, shape (m,)
+        Geocentric, on the spherical Earth.
+    priority : ndarray, shape (m,)
+        Weight of the benefit of each task, at least 0; a task of priority 0 never yields anything (a place to idle).
+    """
+
+    latitude_deg: FloatArray
+    longitude_deg: FloatArray
+    priority: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("latitude_deg", "longitude_deg", "priority"):
+            array = np.asarray(getattr(self, name), dtype=np.float64)
+            if array.ndim != 1 or len(array) != np.size(self.latitude_deg):
+                raise ValueError(f"{name} must be one number per task, got shape {array.shape}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name} holds NaN or infinity at task {int(np.argmin(np.isfinite(array)))}")
+            object.__setattr__(self, name, array)
+        if self.m == 0:
+            raise ValueError("latitude_deg is empty; give at least one task")
+        if (bad := np.abs(self.latitude_deg) > 90.0).any():
+            task = int(np.argmax(bad))
+            raise ValueError(
+                f"latitude_deg must lie between -90 and 90, task {task} has {self.latitude_deg[task]}; "
+                "are latitude and longitude exchanged?"
+            )
+        if (bad := self.priority < 0.0).any():
+            task = int(np.argmax(bad))
+            raise ValueError(
+                f"priority must not be negative, task {task} has {self.priority[task]}; "
+                "use 0 for a task that is worth nothing"
+            )
+
+    @property
+    def m(self) -> int:
+        """Number of tasks."""
+        return len(self.latitude_deg)
+
+    def with_idle_tasks(self, count: int) -> GroundTasks:
+        """Append `count` tasks of priority 0 (placed at latitude and longitude 0), so that agents can idle."""
+        if count < 0:
+            raise ValueError(f"count must not be negative, got {count}")
+        zeros = np.zeros(count)
+        return GroundTasks(
+            np.concatenate([self.latitude_deg, zeros]),
+            np.concatenate([self.longitude_deg, zeros]),
+            np.concatenate([self.priority, zeros]),
+        )
+
+
+def random_tasks(
+    m: int,
+    seed: int | np.random.Generator = 0,
+    *,
+    max_latitude_deg: float = 55.0,
+    uniform_in: Literal["latitude", "area"] = "latitude",
+    priorities: Sequence[float] | None = None,
+) -> GroundTasks:
+    """Tasks at random places.
+
+    The defaults are those of the thesis' experiments (section 4.2.1), and ``random_tasks(450, 0)`` gives its mid-size
+    instance: latitude uniform within 55 degrees, longitude uniform, priority uniform on [1, 2], drawn in this order.
+
+    Parameters
+    ----------
+    m : int
+        Number of tasks.
+    seed : int or numpy Generator
+        Tasks are the same for the same seed.
+    max_latitude_deg : float
+        Places lie between this latitude south and north.
+    uniform_in : {"latitude", "area"}
+        "latitude" draws the latitude uniformly (denser towards the poles), "area" spreads the tasks evenly over the
+        sphere; with ``max_latitude_deg=90`` that is the uniform distribution on the sphere.
+    priorities : sequence of float, optional
+        Draw every priority from this list with equal chances, as ``(1, 1, 1, 5)`` of section 6.4; without it they are
+        uniform on [1, 2].
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+    """
+    if int(m) != m or m < 1:
+        raise ValueError(f"m must be a whole number of at least 1, got {m}")
+    if not 0.0 < max_latitude_deg <= 90.0:
+        raise ValueError(f"max_latitude_deg must lie between 0 and 90 degrees, got {max_latitude_deg}")
+    rng = np.random.default_rng(seed)
+    if uniform_in == "latitude":
+        latitude = rng.uniform(-max_latitude_deg, max_latitude_deg, m)
+    elif uniform_in == "area":
+        highest = np.sin(np.radians(max_latitude_deg))
+        latitude = np.degrees(np.arcsin(rng.uniform(-highest, highest, m)))
+    else:
+        raise ValueError(f"uniform_in must be 'latitude' or 'area', got {uniform_in!r}")
+    longitude = rng.uniform(-180.0, 180.0, m)
+    return GroundTasks(latitude, longitude, _draw_priorities(m, rng, priorities))
+
+
+def even_tasks(
+    spacing_deg: float = 7.0,
+    max_latitude_deg: float = 80.0,
+    seed: int | np.random.Generator = 0,
+    *,
+    priorities: Sequence[float] | None = None,
+) -> GroundTasks:
+    """Tasks spread evenly: rings of latitude `spacing_deg` apart, and as many tasks on each as fit at that distance.
+
+    The rings lie half a spacing, one and a half spacings, ... north and south of the equator. The defaults give 812
+    tasks, the number of section 4.2.2: 80 degrees is as far north as a satellite at 550 km with 70 degrees of
+    inclination can see. (The thesis gives the number, not the rule.)
+
+    Parameters
+    ----------
+    spacing_deg : float
+        Distance between neighbours in degrees of arc.
+    max_latitude_deg : float
+        No ring beyond this latitude.
+    seed, priorities
+        As in `random_tasks`; they matter for the priorities only.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+    """
+    if not 0.0 < max_latitude_deg <= 90.0:
+        raise ValueError(f"max_latitude_deg must lie between 0 and 90 degrees, got {max_latitude_deg}")
+    if not 0.0 < spacing_deg <= 2 * max_latitude_deg:
+        raise ValueError(f"spacing_deg must be positive and at most twice max_latitude_deg, got {spacing_deg}")
+    north = np.arange(spacing_deg / 2, max_latitude_deg, spacing_deg)
+    latitudes, longitudes = [], []
+    for ring in np.concatenate([-north[::-1], north]):
+        fit = max(int(360.0 * np.cos(np.radians(ring)) / spacing_deg + 1e-9), 1)
+        latitudes.append(np.full(fit, ring))
+        longitudes.append(-180.0 + 360.0 * np.arange(fit) / fit)
+    latitude = np.concatenate(latitudes)
+    priority = _draw_priorities(len(latitude), np.random.default_rng(seed), priorities)
+    return GroundTasks(latitude, np.concatenate(longitudes), priority)
+
+
+def _draw_priorities(m: int, rng: np.random.Generator, priorities: Any) -> FloatArray:
+    if priorities is None:
+        return rng.uniform(1.0, 2.0, m)
+    values = np.asarray(priorities, dtype=np.float64)
+    if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all() or (values < 0).any():
+        raise ValueError(f"priorities must be a list of numbers of at least 0 to draw from, got {priorities!r}")
+    return rng.choice(values, m)
