@@ -57,5 +57,6 @@ def unit_vectors(latitude_deg: Any, longitude_deg: Any) -> FloatArray:
     """Earth-fixed directions of points on the ground (spherical Earth), shape (m, 3)."""
     latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
     return np.stack(
-        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)],
+        axis=-1,
     )

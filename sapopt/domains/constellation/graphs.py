@@ -62,7 +62,7 @@ def links(positions_km: FloatArray, range_km: float = 2500.0) -> list[nx.Graph]:
     positions = checked_positions(positions_km)
     graphs = []
     for now in positions:
-        graph = nx.Graph()
+        graph: nx.Graph[int] = nx.Graph()
         graph.add_nodes_from(range(len(now)))
         graph.add_edges_from(linked_pairs(now, range_km).tolist())
         graphs.append(graph)

@@ -60,10 +60,12 @@ class WalkerShell:
             if int(value) != value or value < 1:
                 raise ValueError(f"{name} must be a whole number of at least 1, got {value}")
         if not 0.0 <= self.inclination_deg <= 180.0:
-            raise ValueError(f"inclination_deg must lie between 0 and 180 degrees, got {self.inclination_deg}")
+            raise ValueError(
+                f"inclination_deg must lie between 0 and 180 degrees, got {self.inclination_deg}"
+            )
         if not 0.0 < self.altitude_km <= _HIGHEST_KM:
             raise ValueError(
-                f"altitude_km must be positive and at most {_HIGHEST_KM:g} km above the ground, got {self.altitude_km}; "
+                f"altitude_km must be positive and at most {_HIGHEST_KM:g}, got {self.altitude_km}; "
                 "give kilometres above the surface, not metres and not the distance to the centre"
             )
         for name in ("phasing", "raan_spread_deg", "first_latitude_argument_deg"):
@@ -140,10 +142,14 @@ def walker_positions_km(
     if earth not in ("still", "rotating"):
         raise ValueError(f"earth must be 'still' or 'rotating', got {earth!r}")
     if not (np.isfinite(start_s) and np.isfinite(sidereal_angle_deg)):
-        raise ValueError(f"start_s and sidereal_angle_deg must be finite, got {start_s} and {sidereal_angle_deg}")
+        raise ValueError(
+            f"start_s and sidereal_angle_deg must be finite, got {start_s} and {sidereal_angle_deg}"
+        )
     time_s = start_s + step_times_s(steps, step_s)
     inertial = np.concatenate([_shell_positions_km(shell, time_s, j2) for shell in shells], axis=1)
-    angle = np.radians(sidereal_angle_deg) + (EARTH_RATE_RAD_S * time_s if earth == "rotating" else 0.0 * time_s)
+    angle = np.radians(sidereal_angle_deg) + (
+        EARTH_RATE_RAD_S * time_s if earth == "rotating" else 0.0 * time_s
+    )
     return turn_about_pole(inertial, angle) if np.any(angle) else inertial
 
 
@@ -174,7 +180,11 @@ def _shell_positions_km(shell: WalkerShell, time_s: FloatArray, j2: bool) -> Flo
     cos_node, sin_node = np.cos(node), np.sin(node)
     cos_i, sin_i = np.cos(inclination), np.sin(inclination)
     return radius * np.stack(
-        [cos_node * cos_u - sin_node * cos_i * sin_u, sin_node * cos_u + cos_node * cos_i * sin_u, sin_i * sin_u],
+        [
+            cos_node * cos_u - sin_node * cos_i * sin_u,
+            sin_node * cos_u + cos_node * cos_i * sin_u,
+            sin_i * sin_u,
+        ],
         axis=-1,
     )
 

@@ -146,7 +146,9 @@ def even_tasks(
     if not 0.0 < max_latitude_deg <= 90.0:
         raise ValueError(f"max_latitude_deg must lie between 0 and 90 degrees, got {max_latitude_deg}")
     if not 0.0 < spacing_deg <= 2 * max_latitude_deg:
-        raise ValueError(f"spacing_deg must be positive and at most twice max_latitude_deg, got {spacing_deg}")
+        raise ValueError(
+            f"spacing_deg must be positive and at most twice max_latitude_deg, got {spacing_deg}"
+        )
     north = np.arange(spacing_deg / 2, max_latitude_deg, spacing_deg)
     latitudes, longitudes = [], []
     for ring in np.concatenate([-north[::-1], north]):
@@ -163,5 +165,7 @@ def _draw_priorities(m: int, rng: np.random.Generator, priorities: Any) -> Float
         return rng.uniform(1.0, 2.0, m)
     values = np.asarray(priorities, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all() or (values < 0).any():
-        raise ValueError(f"priorities must be a list of numbers of at least 0 to draw from, got {priorities!r}")
+        raise ValueError(
+            f"priorities must be a list of numbers of at least 0 to draw from, got {priorities!r}"
+        )
     return rng.choice(values, m)

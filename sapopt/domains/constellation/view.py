@@ -65,7 +65,9 @@ class FieldOfView:
         return np.where(sine <= 1.0, edge, np.arccos(EARTH_RADIUS_KM / np.asarray(radius_km)))
 
 
-def visible_benefits(positions_km: FloatArray, tasks: GroundTasks, field_of_view: FieldOfView | None = None) -> Benefits:
+def visible_benefits(
+    positions_km: FloatArray, tasks: GroundTasks, field_of_view: FieldOfView | None = None
+) -> Benefits:
     """Benefits priority x proximity of all satellites for all tasks at all steps, sparse (eq. 4.1).
 
     No array of n x m entries is made: tasks are sorted by latitude once, and a satellite looks only at the band of
@@ -102,12 +104,15 @@ def visible_benefits(positions_km: FloatArray, tasks: GroundTasks, field_of_view
     if radius.min() <= EARTH_RADIUS_KM:
         step, satellite = np.argwhere(radius <= EARTH_RADIUS_KM)[0]
         raise ValueError(
-            f"positions_km: satellite {satellite} is below the ground at step {step}; positions are kilometres from the "
-            "Earth's centre"
+            f"positions_km: satellite {satellite} is below the ground at step {step}; positions are kilometres "
+            "from the Earth's centre"
         )
     footprint = view.footprint_rad(radius)
     indptr, order = view_kernels.visible_tasks(
-        positions.reshape(-1, 3), footprint.ravel(), np.ascontiguousarray(ground[south_to_north]), south_to_north
+        positions.reshape(-1, 3),
+        footprint.ravel(),
+        np.ascontiguousarray(ground[south_to_north]),
+        south_to_north,
     )
     data = view_kernels.proximities(
         positions.reshape(-1, 3), ground, indptr, order, EARTH_RADIUS_KM, view.half_angle_rad, view.sigma_rad

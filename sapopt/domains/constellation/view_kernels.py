@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -11,7 +12,7 @@ from sapopt.types import FloatArray, IntArray
 
 
 @njit(cache=True)
-def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> tuple[int, int]:  # pragma: no cover
+def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:  # pragma: no cover
     """Range of the south-to-north sorted `ground` points whose latitude a satellite can see."""
     latitude = math.asin(min(1.0, max(-1.0, sine_latitude)))
     half_pi = 0.5 * math.pi
@@ -28,7 +29,7 @@ def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> tuple[i
 @njit(cache=True)
 def visible_tasks(
     positions: FloatArray, footprint: FloatArray, ground: FloatArray, task_of_point: IntArray
-) -> tuple[IntArray, IntArray]:  # pragma: no cover
+) -> Any:  # pragma: no cover
     """Tasks seen from each position, as rows of a CSR matrix without values.
 
     Parameters

@@ -1,0 +1,227 @@
+"""A constellation over time with its tasks: everything a problem is made of, kept together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sapopt.domains.constellation.elements import ElementSets, element_positions_km
+from sapopt.domains.constellation.graphs import links
+from sapopt.domains.constellation.orbits import Earth, WalkerShell, walker_positions_km
+from sapopt.domains.constellation.tasks import GroundTasks
+from sapopt.domains.constellation.view import FieldOfView, checked_positions, visible_benefits
+from sapopt.types import FloatArray
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+    from sapopt.benefits import Benefits
+    from sapopt.problem import SAP
+
+
+@dataclass(frozen=True, eq=False)
+class Constellation:
+    """Satellites, tasks on the ground, and what each satellite gains from each task at each step.
+
+    Made by `walker_constellation`, `element_constellation` or `constellation`.
+
+    Attributes
+    ----------
+    positions_km : ndarray of float64, shape (T, n, 3)
+        Earth-fixed positions of the satellites.
+    tasks : GroundTasks
+        The m tasks.
+    benefits : Benefits
+        Sparse, shape (T, n, m): priority times proximity (eq. 4.1).
+    step_s : float
+        Seconds from one step to the next.
+    field_of_view : FieldOfView
+    satellite_names : tuple of str, length n
+    """
+
+    positions_km: FloatArray
+    tasks: GroundTasks
+    benefits: Benefits
+    step_s: float
+    field_of_view: FieldOfView = field(default_factory=FieldOfView)
+    satellite_names: tuple[str, ...] = ()
+
+    @property
+    def T(self) -> int:
+        """Number of steps."""
+        return self.positions_km.shape[0]
+
+    @property
+    def n(self) -> int:
+        """Number of satellites."""
+        return self.positions_km.shape[1]
+
+    @property
+    def m(self) -> int:
+        """Number of tasks."""
+        return self.tasks.m
+
+    def problem(
+        self,
+        cost: Any = 0.5,
+        *,
+        idle_is_free: bool = False,
+        initial_assignment: Any = None,
+        dynamics: Any = None,
+    ) -> SAP:
+        """The sequential assignment problem of this constellation.
+
+        Parameters
+        ----------
+        cost : float or ndarray of shape (m, m)
+            Cost of a handover, as in `SwitchingCost`; 0.5 in the thesis.
+        idle_is_free : bool
+            Charge only a move to a task that the satellite sees (section 6.3).
+        initial_assignment : array_like of int, shape (n,), optional
+            Tasks held before the first step; without it the first step pays no handover.
+        dynamics : object, optional
+            A model of the state, as `Battery`, in place of the switching cost.
+
+        Raises
+        ------
+        ValueError
+            If there are more satellites than tasks.
+        """
+        from sapopt.dynamics import SwitchingCost
+        from sapopt.problem import SAP
+
+        if self.n > self.m:
+            raise ValueError(
+                f"{self.n} satellites cannot share {self.m} tasks: each needs a task of its own; add tasks of zero "
+                f"benefit with .with_idle_tasks() (or tasks.with_idle_tasks({self.n - self.m}))"
+            )
+        if dynamics is None:
+            dynamics = SwitchingCost(cost, idle_is_free=idle_is_free)
+        return SAP(self.benefits, dynamics, initial_assignment=initial_assignment)
+
+    def graphs(self, range_km: float = 2500.0, steps: Sequence[int] | None = None) -> list[nx.Graph]:
+        """Communication graphs, one per step (or per step of `steps`): see `links`."""
+        return links(self.positions_km if steps is None else self.positions_km[list(steps)], range_km)
+
+    def with_idle_tasks(self, count: int | None = None) -> Constellation:
+        """The same constellation with `count` tasks of zero benefit appended (by default one per satellite)."""
+        extra = self.n if count is None else count
+        return replace(
+            self, tasks=self.tasks.with_idle_tasks(extra), benefits=self.benefits.with_idle_tasks(extra)
+        )
+
+
+def constellation(
+    positions_km: Any,
+    tasks: GroundTasks,
+    step_s: float,
+    *,
+    field_of_view: FieldOfView | None = None,
+    satellite_names: Sequence[str] | None = None,
+) -> Constellation:
+    """A constellation from positions of your own.
+
+    Parameters
+    ----------
+    positions_km : array_like, shape (T, n, 3)
+        Earth-fixed positions, kilometres from the Earth's centre.
+    tasks : GroundTasks
+    step_s : float
+        Seconds from one step to the next.
+    field_of_view : FieldOfView, optional
+        The thesis' field of view if omitted.
+    satellite_names : sequence of str, optional
+        Their numbers if omitted.
+
+    Raises
+    ------
+    ValueError
+        If the positions are malformed or below the ground, or the names do not match them.
+    """
+    positions = checked_positions(positions_km)
+    view = FieldOfView() if field_of_view is None else field_of_view
+    n = positions.shape[1]
+    names = tuple(str(i) for i in range(n)) if satellite_names is None else tuple(satellite_names)
+    if len(names) != n:
+        raise ValueError(f"satellite_names has {len(names)} names for {n} satellites")
+    if not (np.isfinite(step_s) and step_s > 0):
+        raise ValueError(f"step_s must be a positive number of seconds, got {step_s}")
+    return Constellation(
+        positions, tasks, visible_benefits(positions, tasks, view), float(step_s), view, names
+    )
+
+
+def walker_constellation(
+    shells: WalkerShell | Sequence[WalkerShell],
+    tasks: GroundTasks,
+    steps: int = 93,
+    step_s: float = 60.0,
+    *,
+    start_s: float | None = None,
+    earth: Earth = "still",
+    j2: bool = False,
+    sidereal_angle_deg: float = 0.0,
+    field_of_view: FieldOfView | None = None,
+) -> Constellation:
+    """A Walker constellation with its tasks; the defaults are those of the thesis' experiments (section 4.2).
+
+    Parameters
+    ----------
+    shells, tasks, field_of_view
+        Satellites, tasks, and what a satellite sees.
+    steps, step_s : int, float
+        Number of steps T and seconds between them. 93 minutes are one orbit at 550 km.
+    start_s : float, optional
+        Time of the first step after the shells' starting angles hold; one step if omitted, as in the thesis.
+    earth, j2, sidereal_angle_deg
+        See `walker_positions_km`.
+    """
+    shells = (shells,) if isinstance(shells, WalkerShell) else tuple(shells)
+    positions = walker_positions_km(
+        shells,
+        steps,
+        step_s,
+        start_s=step_s if start_s is None else start_s,
+        earth=earth,
+        j2=j2,
+        sidereal_angle_deg=sidereal_angle_deg,
+    )
+    names = [
+        f"shell {k} plane {p} satellite {s}" if len(shells) > 1 else f"plane {p} satellite {s}"
+        for k, shell in enumerate(shells)
+        for p in range(shell.planes)
+        for s in range(shell.satellites_per_plane)
+    ]
+    return constellation(positions, tasks, step_s, field_of_view=field_of_view, satellite_names=names)
+
+
+def element_constellation(
+    elements: ElementSets,
+    tasks: GroundTasks,
+    steps: int = 93,
+    step_s: float = 60.0,
+    *,
+    start: datetime | None = None,
+    earth: Earth = "rotating",
+    field_of_view: FieldOfView | None = None,
+) -> Constellation:
+    """Real satellites with tasks on the ground; satellites that SGP4 cannot propagate are left out with a warning.
+
+    Parameters
+    ----------
+    elements : ElementSets
+        See `read_elements` and `starlink_elements`.
+    tasks, field_of_view
+        Tasks, and what a satellite sees.
+    steps, step_s : int, float
+        Number of steps T and seconds between them.
+    start, earth
+        See `element_positions_km`.
+    """
+    positions, kept = element_positions_km(elements, steps, step_s, start=start, earth=earth)
+    names = [elements.names[i] for i in kept]
+    return constellation(positions, tasks, step_s, field_of_view=field_of_view, satellite_names=names)

@@ -1,0 +1,211 @@
+"""Built-in instances by name."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from sapopt.problem import SAP
+
+
+class Scenario(Protocol):
+    """What a domain builds: data of its own, and the problem made of it."""
+
+    def problem(self, cost: Any = ...) -> SAP:
+        """The sequential assignment problem; `cost` is the cost of a handover."""
+        ...
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A built-in instance.
+
+    Attributes
+    ----------
+    name : str
+    summary : str
+        One line: what it is, its size, its source.
+    shape : tuple of int
+        Steps T, agents n and tasks m with the default options.
+    cost : float
+        Cost of a handover that is used unless another is asked for.
+    build : callable
+        ``build(seed, **options)`` returns the scenario; its keyword arguments are the options.
+    """
+
+    name: str
+    summary: str
+    shape: tuple[int, int, int]
+    cost: float
+    build: Callable[..., Scenario]
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the options of `build`."""
+        return tuple(name for name in inspect.signature(self.build).parameters if name != "seed")
+
+
+_REGISTRY: dict[str, Instance] = {}
+
+
+def register(
+    name: str, summary: str, shape: tuple[int, int, int], cost: float = 0.5
+) -> Callable[[Callable[..., Scenario]], Callable[..., Scenario]]:
+    """Decorator that adds ``build(seed, **options) -> scenario`` to the built-in instances.
+
+    A builder imports its domain inside, so that listing the instances stays cheap.
+    """
+
+    def add(build: Callable[..., Scenario]) -> Callable[..., Scenario]:
+        if name in _REGISTRY:
+            raise ValueError(f"name: there already is an instance called {name!r}; choose another")
+        _REGISTRY[name] = Instance(name, summary, shape, cost, build)
+        return build
+
+    return add
+
+
+def instances() -> list[Instance]:
+    """Descriptions of all built-in instances, sorted by name."""
+    return [_REGISTRY[name] for name in sorted(_REGISTRY)]
+
+
+def find_instance(name: str) -> Instance:
+    """Description of one instance.
+
+    Raises
+    ------
+    ValueError
+        If there is no such instance; the message suggests the nearest name.
+    """
+    if name in _REGISTRY:
+        return _REGISTRY[name]
+    near = difflib.get_close_matches(str(name).lower(), list(_REGISTRY), n=1, cutoff=0.4)
+    hint = f"; did you mean {near[0]!r}?" if near else "."
+    raise ValueError(f"unknown instance {name!r}{hint} The instances are: {', '.join(sorted(_REGISTRY))}")
+
+
+def scenario(name: str, seed: int = 0, **options: Any) -> Any:
+    """Build the scenario of an instance: the domain's own object, such as a `Constellation`.
+
+    Parameters
+    ----------
+    name : str
+    seed : int
+        The same seed gives the same scenario.
+    **options
+        Options of the instance, see ``find_instance(name).options``.
+
+    Raises
+    ------
+    ValueError
+        If the name or an option is unknown.
+    """
+    found = find_instance(name)
+    for option in options:
+        if option not in found.options:
+            near = difflib.get_close_matches(option, found.options, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else "."
+            known = ", ".join(found.options)
+            raise ValueError(f"instance {name!r} has no option {option!r}{hint} Its options: {known}")
+    return found.build(seed, **options)
+
+
+def instance(
+    name: str, seed: int = 0, *, cost: Any = None, idle_is_free: bool = False, **options: Any
+) -> SAP:
+    """Build the problem of an instance.
+
+    Parameters
+    ----------
+    name : str
+    seed : int
+        The same seed gives the same problem.
+    cost : float or ndarray of shape (m, m), optional
+        Cost of a handover; that of the instance if omitted.
+    idle_is_free : bool
+        Charge only moves to tasks of positive benefit.
+    **options
+        Options of the instance, see ``find_instance(name).options``.
+
+    Raises
+    ------
+    ValueError
+        If the name or an option is unknown.
+    """
+    built = scenario(name, seed, **options)
+    problem: SAP = built.problem(
+        cost=find_instance(name).cost if cost is None else cost, idle_is_free=idle_is_free
+    )
+    return problem
+
+
+@register(
+    "constellation-mid",
+    "324 satellites (18 x 18 at 58 deg, 550 km), 450 random tasks, one orbit of 93 minutes; Holder 2024, 4.2.1",
+    (93, 324, 450),
+)
+def _mid(seed: int, steps: int = 93, tasks: int = 450, earth: Any = "still", j2: bool = False) -> Scenario:
+    from sapopt.domains import constellation as c
+
+    return c.walker_constellation(
+        c.WalkerShell(18, 18, 58.0, 550.0), c.random_tasks(tasks, seed), steps, earth=earth, j2=j2
+    )
+
+
+@register(
+    "constellation-large",
+    "1000 satellites (40 x 25 at 70 deg, 550 km), 812 even tasks, 188 of zero benefit, 93 minutes; Holder 2024, 4.2.2",
+    (93, 1000, 1000),
+)
+def _large(seed: int, steps: int = 93, earth: Any = "still", j2: bool = False) -> Scenario:
+    from sapopt.domains import constellation as c
+
+    tasks = c.even_tasks(seed=seed)
+    return c.walker_constellation(
+        c.WalkerShell(40, 25, 70.0, 550.0), tasks.with_idle_tasks(1000 - tasks.m), steps, earth=earth, j2=j2
+    )
+
+
+@register(
+    "constellation-shells",
+    "4225 satellites in five Starlink shells, 4225 random tasks, 93 minutes; the size of Holder 2024, 6.5",
+    (93, 4225, 4225),
+)
+def _shells(
+    seed: int, steps: int = 93, tasks: int = 4225, earth: Any = "still", j2: bool = False
+) -> Scenario:
+    from sapopt.domains import constellation as c
+
+    return c.walker_constellation(
+        c.STARLINK_SHELLS_4225, c.random_tasks(tasks, seed), steps, earth=earth, j2=j2
+    )
+
+
+@register(
+    "constellation-toy",
+    "24 satellites (4 x 6 at 58 deg, 1200 km), 30 random tasks, 20 steps of 2 minutes; for quick tries",
+    (20, 24, 30),
+)
+def _toy(seed: int, steps: int = 20, tasks: int = 30, earth: Any = "still", j2: bool = False) -> Scenario:
+    from sapopt.domains import constellation as c
+
+    return c.walker_constellation(
+        c.WalkerShell(4, 6, 58.0, 1200.0), c.random_tasks(tasks, seed), steps, 120.0, earth=earth, j2=j2
+    )
+
+
+@register(
+    "starlink",
+    "4213 real Starlink satellites (element sets of June 2023, SGP4, rotating Earth), 4500 random tasks, 93 minutes",
+    (93, 4213, 4500),
+)
+def _starlink(seed: int, steps: int = 93, tasks: int = 4500, earth: Any = "rotating") -> Scenario:
+    from sapopt.domains import constellation as c
+
+    ground = c.random_tasks(tasks, seed, max_latitude_deg=60.0, uniform_in="area")
+    return c.element_constellation(c.starlink_elements(), ground, steps, earth=earth)
