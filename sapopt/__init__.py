@@ -1,0 +1,18 @@
+"""sapopt: sequential assignment problems, solved by every method of the field, with proven bounds."""
+
+from sapopt.assignment import GainMatrix, InfeasibleError, assign
+from sapopt.benefits import Benefits
+from sapopt.certificate import Bound
+from sapopt.control import Progress
+from sapopt.dynamics import SwitchingCost
+from sapopt.outlook import Outlook, rollout
+from sapopt.problem import SAP
+from sapopt.result import Evaluation, Result, Status
+from sapopt.verbs import bound, solve
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "SAP", "Benefits", "Bound", "Evaluation", "GainMatrix", "InfeasibleError", "Outlook", "Progress", "Result",
+    "Status", "SwitchingCost", "assign", "bound", "rollout", "solve",
+]  # fmt: skip

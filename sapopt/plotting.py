@@ -1,6 +1,7 @@
 """Figures of problems and results. Every function draws on one matplotlib axes and returns it.
 
-Without ``ax`` a new figure is made through pyplot. Colours are the Okabe-Ito palette, which the colour-blind can tell apart.
+Without ``ax`` a new figure is made through pyplot. The colours are the Okabe-Ito palette, which the colour-blind can
+tell apart.
 """
 
 from __future__ import annotations

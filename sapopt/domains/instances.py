@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -84,9 +84,12 @@ def find_instance(name: str) -> Instance:
     """
     if name in _REGISTRY:
         return _REGISTRY[name]
-    near = difflib.get_close_matches(str(name).lower(), list(_REGISTRY), n=1, cutoff=0.4)
-    hint = f"; did you mean {near[0]!r}?" if near else "."
-    raise ValueError(f"unknown instance {name!r}{hint} The instances are: {', '.join(sorted(_REGISTRY))}")
+    raise ValueError(f"unknown instance {name!r}; {_nearest(name, sorted(_REGISTRY))}")
+
+
+def _nearest(word: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(known)}"
 
 
 def scenario(name: str, seed: int = 0, **options: Any) -> Any:
@@ -108,10 +111,7 @@ def scenario(name: str, seed: int = 0, **options: Any) -> Any:
     found = find_instance(name)
     for option in options:
         if option not in found.options:
-            near = difflib.get_close_matches(option, found.options, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else "."
-            known = ", ".join(found.options)
-            raise ValueError(f"instance {name!r} has no option {option!r}{hint} Its options: {known}")
+            raise ValueError(f"instance {name!r} has no option {option!r}; {_nearest(option, found.options)}")
     return found.build(seed, **options)
 
 

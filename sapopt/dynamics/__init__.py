@@ -1,0 +1,6 @@
+"""State models: how assignments move the state, and what a change of task costs."""
+
+from sapopt.dynamics.base import Dynamics
+from sapopt.dynamics.switching import SwitchingCost
+
+__all__ = ["Dynamics", "SwitchingCost"]

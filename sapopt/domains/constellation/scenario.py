@@ -101,7 +101,7 @@ class Constellation:
             )
         if dynamics is None:
             dynamics = SwitchingCost(cost, idle_is_free=idle_is_free)
-        return SAP(self.benefits, dynamics, initial_assignment=initial_assignment)
+        return SAP(self.benefits, dynamics, initial_assignment, agents=self.satellite_names or None)
 
     def graphs(self, range_km: float = 2500.0, steps: Sequence[int] | None = None) -> list[nx.Graph]:
         """Communication graphs, one per step (or per step of `steps`): see `links`."""

@@ -1,0 +1,297 @@
+"""The assignment problem alpha: from a benefit matrix to the assignment of greatest total benefit.
+
+Backends
+--------
+``"kernel"``
+    Our sparse kernel: shortest augmenting paths over the listed pairs, every agent with a private idle option, idle
+    agents then parked. For a `GainMatrix`, and for arrays and sparse matrices without negative entries.
+``"scipy-sparse"``
+    The same problem through `scipy.sparse.csgraph.min_weight_full_bipartite_matching`.
+``"scipy-dense"``
+    The same problem through `scipy.optimize.linear_sum_assignment`; for arrays it also takes negative entries and
+    forbidden pairs, where idling has no common value.
+
+``"auto"`` takes the kernel wherever its input allows it and the matrix is sparse (at most a quarter of the pairs
+positive) and ``"scipy-dense"`` otherwise.
+
+The plan does not depend on the backend: among equally good assignments of positive gain the lexicographically
+smallest is taken, and idle agents are then parked in ascending index, each on the first free task of the parking order
+(by default the lowest-numbered). Where an idle agent must not take any free task (all of them forbidden or charged),
+idling is not free, and the full matrix is solved by ``"scipy-dense"``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import scipy.sparse as sp
+
+from sapopt.types import FloatArray, IntArray
+
+Backend = Literal["auto", "kernel", "scipy-sparse", "scipy-dense"]
+
+_SPARSE_SHARE = 0.25
+
+
+class InfeasibleError(ValueError):
+    """No full assignment exists; the message names the agents that are short of tasks."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainMatrix:
+    """An ``(n, m)`` benefit matrix in which all unlisted pairs of an agent have one common value.
+
+    The value of pair (i, j) is ``rest[i] + held_gain[i]`` if ``j == held[i]``, else ``rest[i]`` plus the listed gain,
+    else ``rest[i]``. This is beta_hat of a sparse problem with a switching cost: idling costs the same on any task.
+
+    Attributes
+    ----------
+    row_start : ndarray of int64, shape (n + 1,)
+    tasks : ndarray of int32, shape (nnz,)
+    gains : ndarray of float64, shape (nnz,)
+        Sorted by decreasing gain inside a row, equal gains by ascending task.
+    held : ndarray of int64, shape (n,)
+        Task with a gain of its own, -1 for none.
+    held_gain : ndarray of float64, shape (n,)
+    rest : ndarray of float64, shape (n,)
+    m : int
+        Number of tasks.
+    has_negative : bool
+        Whether a gain is negative, so that idle agents must look where they park.
+    """
+
+    row_start: IntArray
+    tasks: np.ndarray
+    gains: FloatArray
+    held: IntArray
+    held_gain: FloatArray
+    rest: FloatArray
+    m: int
+    has_negative: bool = False
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(n, m)``."""
+        return len(self.held), self.m
+
+    @classmethod
+    def from_matrix(cls, matrix: np.ndarray | sp.csr_array) -> GainMatrix:
+        """Read a dense or sparse matrix; pairs of value zero are the common value."""
+        from sapopt.kernels.windows import window_gains
+
+        csr = sp.csr_array(matrix)
+        csr.sum_duplicates()
+        n, m = csr.shape
+        indptr, indices = csr.indptr.astype(np.int64), csr.indices.astype(np.int32)
+        data = csr.data.astype(np.float64)
+        rows = window_gains(indptr, indices, data, 0, 1, n, m, 0.0)
+        negative = bool(len(data) and data.min() < 0)
+        return cls(*rows, np.full(n, -1), np.zeros(n), np.zeros(n), m, negative)
+
+    def toarray(self) -> FloatArray:
+        """The matrix as an array of shape ``(n, m)``."""
+        n, m = self.shape
+        out = np.repeat(self.rest[:, None], m, axis=1)
+        rows = np.repeat(np.arange(n), np.diff(self.row_start))
+        out[rows, self.tasks] = self.rest[rows] + self.gains
+        holds = np.flatnonzero(self.held >= 0)
+        out[holds, self.held[holds]] = self.rest[holds] + self.held_gain[holds]
+        return out
+
+    def value(self, assignment: IntArray) -> float:
+        """Total benefit of an assignment."""
+        from sapopt.kernels.matching import total_gain
+
+        gain = total_gain(self.row_start, self.tasks, self.gains, self.held, self.held_gain, assignment)
+        return float(gain + self.rest.sum())
+
+
+Matrix = FloatArray | GainMatrix
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """An assignment and its total benefit."""
+
+    tasks: IntArray
+    value: float
+
+
+def assign(matrix: Any, *, backend: Backend = "auto", parking: IntArray | None = None) -> IntArray:
+    """Assign every agent one task, no task to two agents, at the greatest total benefit (alpha of the thesis).
+
+    Parameters
+    ----------
+    matrix : ndarray or sparse matrix of shape (n, m), or GainMatrix
+        Benefits, n <= m. ``-inf`` forbids a pair (dense only).
+    backend : {"auto", "kernel", "scipy-sparse", "scipy-dense"}
+        See the module documentation.
+    parking : ndarray of int, shape (m,), optional
+        Order in which idle agents try the tasks; ascending by default.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Task of every agent.
+
+    Raises
+    ------
+    InfeasibleError
+        If forbidden pairs leave no full assignment.
+    ValueError
+        If the matrix has a wrong shape, NaN or +inf, or the backend cannot take it.
+    """
+    if backend not in get_args(Backend):
+        raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
+    checked = _checked(matrix)
+    order = _parking_order(parking, checked.shape[1])
+    return best_assignment(checked, order, backend).tasks
+
+
+def best_assignment(matrix: Matrix, order: IntArray, backend: Backend = "auto") -> Assignment:
+    """`assign` without the checks, with the value; for solvers, which build valid matrices."""
+    if not isinstance(matrix, GainMatrix):
+        converted = _as_gains(matrix, backend)
+        if converted is None:
+            return _dense(matrix, order, backend)
+        matrix = converted
+    chosen: IntArray | None
+    if backend in ("auto", "kernel"):
+        from sapopt.kernels.matching import assign_and_park
+
+        chosen, gain, parked = assign_and_park(
+            matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain, order, matrix.has_negative
+        )
+        if parked:
+            return Assignment(chosen, float(gain + matrix.rest.sum()))
+    else:
+        from sapopt.kernels.matching import park
+
+        chosen, owner = _scipy_matching(matrix, backend)
+        rows = (matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain)
+        if park(*rows, chosen, owner, order, matrix.has_negative):
+            return Assignment(chosen, matrix.value(chosen))
+    # Idling is not free here: every agent needs a task for which it is not charged, so solve the matrix as it is.
+    return _full(matrix.toarray())
+
+
+def _as_gains(matrix: FloatArray, backend: Backend) -> GainMatrix | None:
+    if matrix.size and matrix.min() < 0:
+        return None
+    if backend == "auto" and np.count_nonzero(matrix) > _SPARSE_SHARE * matrix.size:
+        return None
+    return GainMatrix.from_matrix(matrix)
+
+
+def _dense(matrix: FloatArray, order: IntArray, backend: Backend) -> Assignment:
+    """A dense array: as it is if it has negative entries, else by gains so that all backends park alike."""
+    if matrix.size and matrix.min() < 0:
+        if backend not in ("auto", "scipy-dense"):
+            raise ValueError(f"backend {backend!r} needs a matrix without negative entries; use 'scipy-dense'")
+        return _full(matrix)
+    return best_assignment(GainMatrix.from_matrix(matrix), order, "scipy-dense")
+
+
+def _full(matrix: FloatArray) -> Assignment:
+    from scipy.optimize import linear_sum_assignment
+
+    try:
+        rows, columns = linear_sum_assignment(matrix, maximize=True)
+    except ValueError:
+        raise InfeasibleError(explain_infeasible(np.isfinite(matrix))) from None
+    return Assignment(columns.astype(np.int64), float(matrix[rows, columns].sum()))
+
+
+def _scipy_matching(matrix: GainMatrix, backend: Backend) -> tuple[IntArray, IntArray]:
+    """The matching of positive gains through scipy, brought to the canonical choice among ties."""
+    from sapopt.kernels.matching import duals, settle_ties
+
+    n, m = matrix.shape
+    weights = GainMatrix(
+        matrix.row_start, matrix.tasks, np.maximum(matrix.gains, 0.0),
+        matrix.held, np.maximum(matrix.held_gain, 0.0), np.zeros(n), m,
+    )  # fmt: skip
+    if backend == "scipy-dense":
+        from scipy.optimize import linear_sum_assignment
+
+        dense = weights.toarray()
+        chosen = linear_sum_assignment(dense, maximize=True)[1].astype(np.int64)
+        chosen[dense[np.arange(n), chosen] <= 0] = -1
+    else:
+        from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+
+        rows = np.repeat(np.arange(n), np.diff(weights.row_start))
+        keep = (weights.gains > 0) & (weights.tasks != weights.held[rows])
+        holds = np.flatnonzero(weights.held_gain > 0)
+        row = np.concatenate([rows[keep], holds, np.arange(n)])
+        column = np.concatenate([weights.tasks[keep], weights.held[holds], m + np.arange(n)])
+        gain = np.concatenate([weights.gains[keep], weights.held_gain[holds], np.zeros(n)])
+        # scipy drops entries of weight zero; a constant added to all changes nothing, since every row is matched.
+        top = gain.max() + 1.0
+        graph = sp.csr_array((top - gain, (row, column)), shape=(n, m + n))
+        chosen = min_weight_full_bipartite_matching(graph)[1].astype(np.int64)
+        chosen[chosen >= m] = -1
+    owner = np.full(m, -1)
+    owner[chosen[chosen >= 0]] = np.flatnonzero(chosen >= 0)
+    rows_of = (weights.row_start, weights.tasks, weights.gains, weights.held, weights.held_gain)
+    u, p = duals(*rows_of, chosen, owner)
+    settle_ties(*rows_of, chosen, owner, u, p)
+    return chosen, owner
+
+
+def _checked(matrix: Any) -> Matrix:
+    if isinstance(matrix, GainMatrix):
+        return matrix
+    if sp.issparse(matrix):
+        values = matrix.data
+        if len(values) == 0 or values.min() >= 0:
+            if not np.isfinite(values).all():
+                raise ValueError("matrix contains NaN or +inf")
+            _check_shape(matrix.shape)
+            return GainMatrix.from_matrix(sp.csr_array(matrix))
+        matrix = matrix.toarray()
+    array = np.asarray(matrix, dtype=np.float64)
+    _check_shape(array.shape)
+    if np.isnan(array).any() or np.isposinf(array).any():
+        raise ValueError("matrix contains NaN or +inf; use -inf for a forbidden pair")
+    return array
+
+
+def _check_shape(shape: tuple[int, ...]) -> None:
+    if len(shape) != 2 or 0 in shape:
+        raise ValueError(f"matrix must have shape (n, m), got {shape}")
+    if shape[0] > shape[1]:
+        raise ValueError(f"{shape[0]} agents cannot each have one of {shape[1]} tasks; add idle tasks (zero columns)")
+
+
+def _parking_order(parking: IntArray | None, m: int) -> IntArray:
+    if parking is None:
+        return np.arange(m)
+    order = np.asarray(parking, dtype=np.int64)
+    if order.shape != (m,) or not np.array_equal(np.sort(order), np.arange(m)):
+        raise ValueError(f"parking must be a permutation of the {m} tasks")
+    return order
+
+
+def explain_infeasible(allowed: Any) -> str:
+    """Say which agents are short of tasks, given the ``(n, m)`` mask (array or CSR) of allowed pairs."""
+    from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
+
+    graph = sp.csr_array(allowed)
+    graph.eliminate_zeros()
+    n, m = graph.shape
+    tasks = maximum_bipartite_matching(graph, perm_type="column")
+    unmatched = np.flatnonzero(tasks < 0)
+    if not len(unmatched):
+        return ""
+    # Agents reachable by alternating paths from an unmatched one compete for fewer tasks than they are (Hall).
+    owner = np.full(m, -1)
+    owner[tasks[tasks >= 0]] = np.flatnonzero(tasks >= 0)
+    step = sp.csr_array(graph[:, owner >= 0] != 0)
+    onward = sp.csr_array((step.data, owner[owner >= 0][step.indices], step.indptr), shape=(n, n))
+    agents = np.sort(breadth_first_order(onward, int(unmatched[0]), return_predecessors=False))
+    share = len(np.unique(sp.csr_array(graph[agents]).indices))
+    names = ", ".join(map(str, agents[:8])) + (", ..." if len(agents) > 8 else "")
+    return f"no full assignment exists: agents {names} ({len(agents)} in all) are allowed only {share} tasks together"

@@ -1,0 +1,40 @@
+"""What a state model must offer, and what it may."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from sapopt.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from sapopt.problem import SAP
+
+
+@runtime_checkable
+class Dynamics(Protocol):
+    """State model of a sequential assignment problem: any class with these three methods.
+
+    The state can be any object; `transition` returns a new one and never changes the old one.
+
+    A model may say more, and gains by it:
+
+    - ``interval(windows, start, stop, state)``: the benefit matrix of holding one assignment over the steps
+      ``start .. stop - 1`` in sparse form (see `sapopt.outlook.WindowSums`); without it the dense sum of benefits plus
+      ``handover(start, state)`` is used.
+    - ``handover_at(k, state, assignment)``: only the entries of an assignment, shape ``(n,)``.
+    - ``handover_limit``: the largest entry the handover matrix can have (0.0 for costs); without it, or a
+      ``path_oracle``, nothing can be proven about the optimum.
+    - ``key(state)``: a hashable fingerprint, so that equal states are solved once.
+    - ``bind(benefits)``: a copy that knows the benefits, for a handover that depends on them.
+    - ``path_oracle(benefits, state)``: the agents' longest priced paths (`sapopt.dynamics.local.PathOracle`) of an
+      agent-local model; gives bounds and dual solvers.
+    """
+
+    def initial_state(self, problem: SAP) -> Any:
+        """State before the first step; ``problem.initial_assignment`` may be None."""
+
+    def handover(self, k: int, state: Any) -> FloatArray:
+        """Handover matrix eta(s_k), shape ``(n, m)``, added to the benefits of step k (0-based)."""
+
+    def transition(self, k: int, state: Any, assignment: IntArray) -> Any:
+        """State after `assignment` (task of every agent, shape ``(n,)``) was held at step k."""

@@ -1,0 +1,94 @@
+"""Sums of sparse benefits over a window of steps, rows sorted for the matching kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
+    """Sum the rows of the steps ``first .. last - 1`` and sort every row by decreasing gain.
+
+    Parameters
+    ----------
+    indptr, indices, data : arrays
+        Flat benefits; row ``k * n + i`` is agent i at step k.
+    first, last : int
+        The window.
+    n, m : int
+        Agents and tasks.
+    entry_cost : float
+        Subtracted from a pair whose benefit at step `first` is positive (the charge for entering a task that is
+        worth something at the moment of the move); 0 where every move is charged alike.
+
+    Returns
+    -------
+    row_start : ndarray of int64, shape (n + 1,)
+    tasks : ndarray of int32
+    gains : ndarray of float64
+    """
+    row_start = np.zeros(n + 1, np.int64)
+    bound = 0
+    for k in range(first, last):
+        bound += indptr[(k + 1) * n] - indptr[k * n]
+    tasks = np.empty(bound, np.int32)
+    gains = np.empty(bound)
+    total = np.zeros(m)
+    seen = np.zeros(m, np.int64)  # agent + 1 that touched the task last
+    filled = 0
+    for i in range(n):
+        begin = filled
+        for k in range(first, last):
+            for e in range(indptr[k * n + i], indptr[k * n + i + 1]):
+                j = indices[e]
+                value = data[e]
+                if k == first and value > 0.0:
+                    value -= entry_cost
+                if seen[j] != i + 1:
+                    seen[j] = i + 1
+                    total[j] = value
+                    tasks[filled] = j
+                    filled += 1
+                else:
+                    total[j] += value
+        _fill_sorted(tasks, gains, total, begin, filled)
+        row_start[i + 1] = filled
+    return row_start, tasks[:filled].copy(), gains[:filled].copy()
+
+
+@njit(cache=True, nogil=True)
+def _fill_sorted(tasks, gains, total, begin, end):
+    """Write the gains of one row by decreasing gain, equal gains by ascending task."""
+    if end - begin > 24:
+        own = np.sort(tasks[begin:end])
+        key = np.empty(end - begin)
+        for e in range(end - begin):
+            key[e] = -total[own[e]]
+        order = np.argsort(key, kind="mergesort")
+        for e in range(end - begin):
+            tasks[begin + e] = own[order[e]]
+            gains[begin + e] = -key[order[e]]
+        return
+    for e in range(begin, end):
+        j = tasks[e]
+        g = total[j]
+        q = e
+        while q > begin and (gains[q - 1] < g or (gains[q - 1] == g and tasks[q - 1] > j)):
+            gains[q] = gains[q - 1]
+            tasks[q] = tasks[q - 1]
+            q -= 1
+        gains[q] = g
+        tasks[q] = j
+
+
+@njit(cache=True, nogil=True)
+def listed_gain(row_start, tasks, gains, chosen):
+    """Gain listed for task ``chosen[i]`` of every agent i; 0 where it is not listed or the task is -1."""
+    out = np.zeros(len(chosen))
+    for i in range(len(chosen)):
+        for e in range(row_start[i], row_start[i + 1]):
+            if tasks[e] == chosen[i]:
+                out[i] = gains[e]
+                break
+    return out

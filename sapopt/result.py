@@ -1,0 +1,203 @@
+"""What a solver returns, and how it is scored."""
+
+from __future__ import annotations
+
+import enum
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sapopt.types import FloatArray, IntArray
+
+
+class Status(enum.Enum):
+    """How a solver ended. A result always holds a feasible plan, whatever its status."""
+
+    OPTIMAL = "optimal"
+    FEASIBLE = "feasible"
+    TIME_LIMIT = "time limit"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def message(self) -> str:
+        """What the status means, and what to do next."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Status.OPTIMAL: "The plan is proven optimal within the tolerance.",
+    Status.FEASIBLE: "The method ran to its end; compare the value with bound(problem) to see how far it is from optimal.",
+    Status.TIME_LIMIT: "The time limit ended the run; the plan is the best found so far. Give it more time to improve it.",
+    Status.INTERRUPTED: "The run was interrupted; the plan is the best found so far.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The score of a plan.
+
+    Attributes
+    ----------
+    value : float
+        Total benefit plus total handover.
+    benefit : ndarray, shape (T,)
+        Benefit of every step.
+    handover : ndarray, shape (T,)
+        Sum of the handover matrix over the pairs held at every step; negative where it costs.
+    handovers : int
+        Changes of task, counted from the plan (from the initial assignment on, if there is one).
+    """
+
+    value: float
+    benefit: FloatArray
+    handover: FloatArray
+    handovers: int
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A plan with its score and what is known about the optimum.
+
+    Attributes
+    ----------
+    plan : ndarray of int64, shape (T, n)
+        Task of every agent at every step.
+    value : float
+        Total value, from `SAP.evaluate`.
+    evaluation : Evaluation
+        The score step by step.
+    status : Status
+    bound : float or None
+        Proven upper bound of the optimal value, if the solver or the caller computed one.
+    runtime : float
+        Seconds.
+    trace : list of dict
+        One record per step of a policy or per iteration of a planner, with equal keys throughout.
+    solver : str
+        Name of the method with its options.
+    seed : int
+    prices : ndarray or None, shape (T, m)
+        Task prices that prove the bound, if the solver found some.
+    """
+
+    plan: IntArray
+    evaluation: Evaluation
+    status: Status
+    runtime: float
+    solver: str
+    bound: float | None = None
+    trace: list[dict[str, Any]] = field(default_factory=list, repr=False)
+    seed: int = 0
+    prices: FloatArray | None = field(default=None, repr=False)
+
+    @property
+    def value(self) -> float:
+        """Total value of the plan."""
+        return self.evaluation.value
+
+    @property
+    def handovers(self) -> int:
+        """Changes of task in the plan."""
+        return self.evaluation.handovers
+
+    @property
+    def gap(self) -> float | None:
+        """``(bound - value) / |bound|``, or None without a bound."""
+        if self.bound is None:
+            return None
+        if self.bound == 0:
+            return 0.0 if self.value == 0 else float("inf")
+        return (self.bound - self.value) / abs(self.bound)
+
+    def __repr__(self) -> str:
+        proof = "" if self.bound is None else f", bound={self.bound:.6g}, gap={100 * (self.gap or 0):.3g} %"
+        steps, n = self.plan.shape
+        return (
+            f"Result({self.solver}: value={self.value:.6g}{proof}, handovers={self.handovers}, "
+            f"status={self.status.value}, T={steps}, n={n}, {self.runtime:.3g} s)"
+        )
+
+    def with_bound(self, bound: float) -> Result:
+        """The same result with a bound known from elsewhere; the tighter one stays."""
+        return replace(self, bound=bound if self.bound is None else min(bound, self.bound))
+
+    def save(self, path: str | Path) -> None:
+        """Write the result to an ``.npz`` file."""
+        meta = {
+            "format": "sapopt-result-1", "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
+            "bound": self.bound, "seed": self.seed, "value": self.value, "handovers": self.handovers,
+            "trace": self.trace,
+        }  # fmt: skip
+        arrays = {"plan": self.plan, "benefit": self.evaluation.benefit, "handover": self.evaluation.handover}
+        if self.prices is not None:
+            arrays["prices"] = self.prices
+        write_npz(path, meta, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Result:
+        """Read a result written by `save`.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or holds something else.
+        """
+        meta, arrays = read_npz(path, "sapopt-result-1")
+        try:
+            score = Evaluation(meta["value"], arrays["benefit"], arrays["handover"], meta["handovers"])
+            return cls(
+                arrays["plan"], score, Status[meta["status"]], meta["runtime"], meta["solver"], meta["bound"],
+                meta["trace"], meta["seed"], arrays.get("prices"),
+            )  # fmt: skip
+        except KeyError as error:
+            raise ValueError(f"{path}: damaged result file, {error} is missing") from None
+
+
+def write_npz(path: str | Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
+    """Write a dictionary of plain values and some arrays as one compressed ``.npz``, all or nothing."""
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    text = json.dumps(meta, default=_plain)
+    try:
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, meta=np.array(text), **arrays)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be written to a file")
+
+
+def read_npz(path: str | Path, form: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Read what `write_npz` wrote; `form` is the expected format name.
+
+    Raises
+    ------
+    FileNotFoundError
+    ValueError
+        If the file is truncated, changed, or of another format.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if not isinstance(file, np.lib.npyio.NpzFile) or "meta" not in file.files:
+                raise ValueError("it has no sapopt header")
+            arrays = {name: file[name] for name in file.files}
+        meta = json.loads(str(arrays.pop("meta")))
+        if not isinstance(meta, dict):
+            raise ValueError("its header is not readable")
+    except FileNotFoundError:
+        raise
+    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"{path}: damaged or not a sapopt file ({error})") from None
+    if meta.get("format") != form:
+        raise ValueError(f"{path}: holds {meta.get('format', 'something else')!r}, expected {form!r}")
+    return meta, arrays

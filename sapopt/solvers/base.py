@@ -1,0 +1,56 @@
+"""What a solver is: a policy (decides step by step, see `sapopt.outlook.Policy`) or a planner (sees the whole horizon)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+from sapopt.control import Run
+from sapopt.outlook import Policy
+from sapopt.problem import SAP
+from sapopt.result import Status
+from sapopt.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a planner hands back; `sapopt.solve` scores it and makes the Result.
+
+    Attributes
+    ----------
+    plan : ndarray of int64, shape (T, n)
+    status : Status
+    bound : float or None
+        Proven upper bound of the optimal value.
+    prices : ndarray or None, shape (T, m)
+        Task prices that prove the bound.
+    trace : list of dict
+        One record per iteration.
+    """
+
+    plan: IntArray
+    status: Status
+    bound: float | None = None
+    prices: FloatArray | None = None
+    trace: list[dict[str, Any]] = field(default_factory=list)
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """Sees the whole horizon. Immutable; the state of a run is in `Run`."""
+
+    @property
+    def name(self) -> str:
+        """Name with options, for tables."""
+
+    def plan(self, problem: SAP, run: Run) -> Outcome:
+        """Find a plan. Must return its incumbent when ``run.expired``, or on KeyboardInterrupt."""
+
+
+Solver = Policy | Planner
+
+
+def check_lookahead(lookahead: int, name: str = "lookahead") -> None:
+    """Raise a ValueError unless `lookahead` is a whole number of at least 1."""
+    if isinstance(lookahead, bool) or int(lookahead) != lookahead or lookahead < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, got {lookahead!r}")

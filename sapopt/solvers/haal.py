@@ -1,0 +1,178 @@
+"""Handover-aware assignment with lookahead: HAAL, and its special case HAA."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from sapopt.assignment import InfeasibleError, best_assignment
+from sapopt.outlook import Outlook
+from sapopt.problem import SAP
+from sapopt.solvers.base import check_lookahead
+from sapopt.types import IntArray
+
+Parking = Literal["lowest", "lookahead"]
+_TIE = 1e-12
+_PARKING_STEPS = 6
+
+
+@dataclass
+class HAALMemory:
+    """What HAAL remembers: solved intervals, valid as long as the benefits it sees are the same.
+
+    Attributes
+    ----------
+    windows : object
+        Source of the benefits the intervals were solved for.
+    solved : dict
+        ``(start, stop, state key) -> (assignment, value)``.
+    assignment_problems : int
+        Assignment problems solved so far.
+    """
+
+    windows: Any = None
+    solved: dict[tuple[int, int, Any], tuple[IntArray, float]] = field(default_factory=dict)
+    assignment_problems: int = 0
+
+
+@dataclass(frozen=True)
+class HAAL:
+    """Handover-aware assignment with lookahead (thesis, Algorithm 2).
+
+    At every step all ways to cut the next L steps into intervals are tried. An interval is one assignment problem over
+    the sum of its benefits plus the handover from the state before it. The first assignment of the best sequence is
+    executed. Sequences that begin alike share their first intervals, so 2^L - 1 assignment problems suffice, fewer where
+    different sequences lead to the same state; intervals solved at one step are remembered for the next.
+
+    Equal sequences: the one with the shortest first interval, then the shortest second one, and so on.
+
+    Parameters
+    ----------
+    lookahead : int
+        L >= 1; the window at step k is ``k .. min(k + L, T) - 1``.
+    parking : {"lowest", "lookahead"}
+        Where idle agents wait, a free choice among assignments of equal benefit. "lowest": the lowest-numbered free
+        tasks (the reference). "lookahead": the free tasks with the least total benefit over the next steps, so that
+        nobody blocks a task that will soon be wanted; reads up to 6 steps, past the window if it is shorter.
+
+    References
+    ----------
+    J. Holder, MSc thesis, University of Washington, 2024, section 3.3.
+    """
+
+    lookahead: int = 3
+    parking: Parking = "lowest"
+
+    def __post_init__(self) -> None:
+        check_lookahead(self.lookahead)
+        if self.parking not in ("lowest", "lookahead"):
+            raise ValueError(f"parking must be 'lowest' or 'lookahead', got {self.parking!r}")
+
+    @property
+    def name(self) -> str:
+        """Name with options."""
+        suffix = "" if self.parking == "lowest" else ", parking=lookahead"
+        return f"HAAL(L={self.lookahead}{suffix})"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
+        """Empty memory."""
+        return HAALMemory()
+
+    def act(self, outlook: Outlook, memory: HAALMemory) -> tuple[IntArray, HAALMemory]:
+        """Execute the first assignment of the best sequence of intervals."""
+        if memory.windows is not outlook.windows or self.parking == "lookahead":
+            memory = HAALMemory(outlook.windows, {}, memory.assignment_problems)
+        for key in [key for key in memory.solved if key[0] < outlook.k]:
+            del memory.solved[key]
+        search = _Search(outlook, memory, self._order(outlook), min(outlook.k + self.lookahead, outlook.end))
+        first, value = search.best(outlook.k, outlook.state)
+        if first is None:
+            outlook.assign(outlook.beta_hat())  # raises, and says why
+            raise InfeasibleError(f"step {outlook.k}: no sequence of assignments is feasible (value {value})")
+        return first, memory
+
+    def _order(self, outlook: Outlook) -> IntArray:
+        if self.parking == "lowest":
+            return outlook.parking
+        stop = min(outlook.k + max(self.lookahead, _PARKING_STEPS), outlook.end)
+        demand = outlook.windows.slice(outlook.k, stop).task_totals()
+        return np.argsort(demand, kind="stable")
+
+
+class _Search:
+    """The tree of interval sequences of one step."""
+
+    def __init__(self, outlook: Outlook, memory: HAALMemory, order: IntArray, stop: int) -> None:
+        self.outlook = outlook
+        self.memory = memory
+        self.order = order
+        self.stop = stop
+        self.key = getattr(outlook.model, "key", None)
+        self.known: dict[tuple[int, Any], tuple[IntArray | None, float]] = {}
+
+    def best(self, start: int, state: Any) -> tuple[IntArray | None, float]:
+        """First assignment and value of the best sequence over ``start .. stop - 1`` from `state`."""
+        if start == self.stop:
+            return None, 0.0
+        fingerprint = self.key(state) if self.key is not None else None
+        if fingerprint is not None and (start, fingerprint) in self.known:
+            return self.known[start, fingerprint]
+        first: IntArray | None = None
+        top = -np.inf
+        for cut in range(start + 1, self.stop + 1):
+            tasks, value = self._interval(start, cut, state, fingerprint)
+            if value == -np.inf:
+                continue
+            after = state
+            for k in range(start, cut):
+                after = self.outlook.model.transition(k, after, tasks)
+            total = value + self.best(cut, after)[1]
+            if first is None or total > top + _TIE * abs(top):
+                first, top = tasks, total
+        if fingerprint is not None:
+            self.known[start, fingerprint] = first, top
+        return first, top
+
+    def _interval(self, start: int, stop: int, state: Any, fingerprint: Any) -> tuple[IntArray, float]:
+        """Best single assignment for the steps ``start .. stop - 1``; value -inf if there is none."""
+        if fingerprint is not None:
+            known = self.memory.solved.get((start, stop, fingerprint))
+            if known is not None:
+                return known
+        self.memory.assignment_problems += 1
+        try:
+            found = best_assignment(self.outlook.interval(start, stop, state), self.order)
+            solved = found.tasks, found.value
+        except InfeasibleError:
+            solved = np.empty(0, dtype=np.int64), -np.inf
+        if fingerprint is not None:
+            self.memory.solved[start, stop, fingerprint] = solved
+        return solved
+
+
+@dataclass(frozen=True)
+class HAA:
+    """Handover-aware assignment (thesis, Algorithm 1): alpha(beta_hat) at every step; HAAL with lookahead 1.
+
+    Parameters
+    ----------
+    parking : {"lowest", "lookahead"}
+        See `HAAL`.
+    """
+
+    parking: Parking = "lowest"
+
+    @property
+    def name(self) -> str:
+        """Name with options."""
+        return "HAA" if self.parking == "lowest" else "HAA(parking=lookahead)"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
+        """Empty memory."""
+        return HAALMemory()
+
+    def act(self, outlook: Outlook, memory: HAALMemory) -> tuple[IntArray, HAALMemory]:
+        """Assign the current step."""
+        return HAAL(1, self.parking).act(outlook, memory)

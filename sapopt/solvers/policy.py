@@ -1,0 +1,140 @@
+"""Policies that play alpha of a generated benefit matrix, and the generators themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from sapopt.assignment import GainMatrix, Matrix
+from sapopt.outlook import Outlook
+from sapopt.problem import SAP
+from sapopt.types import IntArray
+
+Generator = Callable[[Outlook], Any]
+"""``generator(outlook)`` returns an ``(n, m)`` matrix: array, sparse matrix or GainMatrix."""
+
+
+def myopic(outlook: Outlook) -> Matrix:
+    """The state-dependent benefits beta_hat of the current step."""
+    return outlook.beta_hat()
+
+
+def no_handover(outlook: Outlook) -> Any:
+    """The static benefits beta of the current step, blind to the state."""
+    return outlook.benefits(1).step(0)
+
+
+@dataclass(frozen=True)
+class AssignmentPolicy:
+    """Play alpha(generator(outlook)) at every step.
+
+    Parameters
+    ----------
+    generator : callable
+        ``generator(outlook)`` returns the ``(n, m)`` benefits that are assigned; for example `myopic`.
+    """
+
+    generator: Generator
+
+    def __post_init__(self) -> None:
+        if not callable(self.generator):
+            raise ValueError(f"generator must be callable as generator(outlook), got {self.generator!r}")
+
+    @property
+    def name(self) -> str:
+        """Name of the generator."""
+        return f"AssignmentPolicy({getattr(self.generator, '__name__', type(self.generator).__name__)})"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> None:
+        """Nothing to remember."""
+        return None
+
+    def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
+        """Assign the generated benefits."""
+        matrix = self.generator(outlook)
+        if not isinstance(matrix, GainMatrix):
+            matrix = _checked(matrix, outlook)
+        return outlook.assign(matrix), None
+
+
+def _checked(matrix: Any, outlook: Outlook) -> Matrix:
+    if sp.issparse(matrix):
+        if matrix.nnz == 0 or matrix.data.min() >= 0:
+            return GainMatrix.from_matrix(sp.csr_array(matrix))
+        matrix = matrix.toarray()
+    array = np.asarray(matrix, dtype=np.float64)
+    expected = (outlook.problem.n, outlook.problem.m)
+    if array.shape != expected or np.isnan(array).any() or np.isposinf(array).any():
+        raise ValueError(
+            f"generator returned a matrix of shape {array.shape} at step {outlook.k}; "
+            f"expected {expected} without NaN or +inf"
+        )
+    return array
+
+
+@dataclass(frozen=True)
+class NoHandover:
+    """Assign the static benefits at every step as if changing task were free (thesis, section 4.1: alpha(beta))."""
+
+    @property
+    def name(self) -> str:
+        """Name."""
+        return "NoHandover"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> None:
+        """Nothing to remember."""
+        return None
+
+    def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
+        """Assign beta of the current step."""
+        return AssignmentPolicy(no_handover).act(outlook, None)
+
+
+@dataclass(frozen=True)
+class Greedy:
+    """The greedy algorithm (GA; thesis, section 4.1): agents choose in ascending index, the best free task each.
+
+    An agent without a free task of positive gain over idling keeps its task if it is free and good, else it is parked
+    like an idle agent of alpha. The initial assignment counts: its agents pay for leaving their tasks.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name."""
+        return "Greedy"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> None:
+        """Nothing to remember."""
+        return None
+
+    def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
+        """Choose agent by agent from beta_hat of the current step."""
+        matrix = outlook.beta_hat()
+        return _greedy_sparse(matrix, outlook) if isinstance(matrix, GainMatrix) else _greedy_dense(matrix, outlook), None
+
+
+def _greedy_sparse(matrix: GainMatrix, outlook: Outlook) -> IntArray:
+    from sapopt.kernels.matching import greedy, park
+
+    rows = (matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain)
+    chosen, owner = greedy(*rows, matrix.m)
+    if park(*rows, chosen, owner, outlook.parking, matrix.has_negative):
+        return chosen
+    return _greedy_dense(matrix.toarray(), outlook)
+
+
+def _greedy_dense(matrix: np.ndarray, outlook: Outlook) -> IntArray:
+    open_tasks = np.ones(matrix.shape[1], dtype=bool)
+    chosen = np.empty(matrix.shape[0], dtype=np.int64)
+    for i, row in enumerate(matrix):
+        values = np.where(open_tasks, row, -np.inf)
+        chosen[i] = int(np.argmax(values))
+        if values[chosen[i]] == -np.inf:
+            # An earlier agent took the only allowed task of this one: greed alone has no full assignment here.
+            return outlook.assign(matrix)
+        open_tasks[chosen[i]] = False
+    return chosen
