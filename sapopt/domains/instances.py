@@ -60,9 +60,10 @@ def register(
     A builder imports its domain inside, so that listing the instances stays cheap.
     """
 
+    if name in _REGISTRY:
+        raise ValueError(f"name: there already is an instance called {name!r}; choose another")
+
     def add(build: Callable[..., Scenario]) -> Callable[..., Scenario]:
-        if name in _REGISTRY:
-            raise ValueError(f"name: there already is an instance called {name!r}; choose another")
         _REGISTRY[name] = Instance(name, summary, shape, cost, build)
         return build
 

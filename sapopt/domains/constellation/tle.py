@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,34 @@ if TYPE_CHECKING:
     from sgp4.api import Satrec
 
 _LENGTH = 69
+
+_SCALED = r"[ +-] *\d+[+-]\d"
+_FIELDS = {
+    "1": (
+        ("catalogue number", 2, 7, r" *[A-Z]?\d+"),
+        ("classification", 7, 8, r"[A-Z ]"),
+        ("epoch", 18, 32, r"\d\d *\d+\.\d+"),
+        ("first derivative of the mean motion", 33, 43, r" *[ +-]?\d?\.\d+"),
+        ("second derivative of the mean motion", 44, 52, _SCALED),
+        ("drag term", 53, 61, _SCALED),
+        ("ephemeris type", 62, 63, r"[\d ]"),
+        ("element set number", 64, 68, r" *\d+"),
+    ),
+    "2": (
+        ("catalogue number", 2, 7, r" *[A-Z]?\d+"),
+        ("inclination", 8, 16, r" *\d+\.\d+"),
+        ("right ascension of the node", 17, 25, r" *\d+\.\d+"),
+        ("eccentricity", 26, 33, r"\d+"),
+        ("argument of perigee", 34, 42, r" *\d+\.\d+"),
+        ("mean anomaly", 43, 51, r" *\d+\.\d+"),
+        ("mean motion", 52, 63, r" *\d+\.\d+"),
+        ("revolution number", 63, 68, r" *\d*"),
+    ),
+}
+"""Columns and form of the fields of each line. The checksum does not see letters in place of a zero, and the parser of
+`sgp4` reads such a field as 0 without a word."""
+
+_BLANKS = {"1": (1, 8, 17, 32, 43, 52, 61, 63), "2": (1, 7, 16, 25, 33, 42, 51)}
 
 
 def tle_records(text: str, source: str) -> Iterator[tuple[str, Satrec]]:
@@ -83,6 +112,14 @@ def _check_line(line: str, where: str) -> None:
     stated, counted = line[68], sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
     if stated != str(counted):
         raise ValueError(f"{where}: wrong checksum, the line says {stated!r} and its digits give {counted}")
+    for name, start, stop, form in _FIELDS[line[0]]:
+        if not re.fullmatch(form, line[start:stop], flags=re.ASCII):
+            raise ValueError(
+                f"{where}: {name} (columns {start + 1} to {stop}) cannot be {line[start:stop]!r}"
+            )
+    for column in _BLANKS[line[0]]:
+        if line[column] != " ":
+            raise ValueError(f"{where}: column {column + 1} must be blank, found {line[column]!r}")
 
 
 def _shown(line: str) -> str:
