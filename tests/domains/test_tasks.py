@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from sapopt.domains.constellation import GroundTasks, even_tasks, random_tasks
@@ -48,6 +48,8 @@ def test_even_tasks_are_812_and_even():
 
 
 @given(spacing=st.floats(3, 60), highest=st.floats(30, 90))
+@example(spacing=60.0, highest=30.0)
+@example(spacing=60.0, highest=90.0)
 def test_even_tasks_stay_below_the_limit(spacing, highest):
     """Rings lie within the limit, symmetric about the equator."""
     tasks = even_tasks(spacing, highest)

@@ -149,7 +149,8 @@ def even_tasks(
         raise ValueError(
             f"spacing_deg must be positive and at most twice max_latitude_deg, got {spacing_deg}"
         )
-    north = np.arange(spacing_deg / 2, max_latitude_deg, spacing_deg)
+    rings = int((max_latitude_deg - spacing_deg / 2) / spacing_deg) + 1
+    north = np.minimum(spacing_deg * (np.arange(rings) + 0.5), max_latitude_deg)
     latitudes, longitudes = [], []
     for ring in np.concatenate([-north[::-1], north]):
         fit = max(int(360.0 * np.cos(np.radians(ring)) / spacing_deg + 1e-9), 1)
