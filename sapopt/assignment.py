@@ -41,10 +41,10 @@ class InfeasibleError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class GainMatrix:
-    """An ``(n, m)`` benefit matrix in which all unlisted pairs of an agent have one common value.
+    """An ``(n, m)`` benefit matrix in which all unlisted pairs have one common value.
 
-    The value of pair (i, j) is ``rest[i] + held_gain[i]`` if ``j == held[i]``, else ``rest[i]`` plus the listed gain,
-    else ``rest[i]``. This is beta_hat of a sparse problem with a switching cost: idling costs the same on any task.
+    The value of pair (i, j) is ``rest + held_gain[i]`` if ``j == held[i]``, else ``rest`` plus the listed gain, else
+    ``rest``. This is beta_hat of a sparse problem with a switching cost: idling costs the same on any task.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class GainMatrix:
     held : ndarray of int64, shape (n,)
         Task with a gain of its own, -1 for none.
     held_gain : ndarray of float64, shape (n,)
-    rest : ndarray of float64, shape (n,)
+    rest : float
     m : int
         Number of tasks.
     has_negative : bool
@@ -67,7 +67,7 @@ class GainMatrix:
     gains: FloatArray
     held: IntArray
     held_gain: FloatArray
-    rest: FloatArray
+    rest: float
     m: int
     has_negative: bool = False
 
@@ -86,18 +86,18 @@ class GainMatrix:
         n, m = csr.shape
         indptr, indices = csr.indptr.astype(np.int64), csr.indices.astype(np.int32)
         data = csr.data.astype(np.float64)
-        rows = window_gains(indptr, indices, data, 0, 1, n, m, 0.0)
+        row_start, tasks, gains = window_gains(indptr, indices, data, 0, 1, n, m, 0.0)
         negative = bool(len(data) and data.min() < 0)
-        return cls(*rows, np.full(n, -1), np.zeros(n), np.zeros(n), m, negative)
+        return cls(row_start, tasks, gains, np.full(n, -1), np.zeros(n), 0.0, m, negative)
 
     def toarray(self) -> FloatArray:
         """The matrix as an array of shape ``(n, m)``."""
         n, m = self.shape
-        out = np.repeat(self.rest[:, None], m, axis=1)
+        out = np.full((n, m), self.rest)
         rows = np.repeat(np.arange(n), np.diff(self.row_start))
-        out[rows, self.tasks] = self.rest[rows] + self.gains
+        out[rows, self.tasks] = self.rest + self.gains
         holds = np.flatnonzero(self.held >= 0)
-        out[holds, self.held[holds]] = self.rest[holds] + self.held_gain[holds]
+        out[holds, self.held[holds]] = self.rest + self.held_gain[holds]
         return out
 
     def value(self, assignment: IntArray) -> float:
@@ -105,7 +105,7 @@ class GainMatrix:
         from sapopt.kernels.matching import total_gain
 
         gain = total_gain(self.row_start, self.tasks, self.gains, self.held, self.held_gain, assignment)
-        return float(gain + self.rest.sum())
+        return float(gain + len(self.held) * self.rest)
 
 
 Matrix = FloatArray | GainMatrix
@@ -162,10 +162,16 @@ def best_assignment(matrix: Matrix, order: IntArray, backend: Backend = "auto") 
         from sapopt.kernels.matching import assign_and_park
 
         chosen, gain, parked = assign_and_park(
-            matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain, order, matrix.has_negative
+            matrix.row_start,
+            matrix.tasks,
+            matrix.gains,
+            matrix.held,
+            matrix.held_gain,
+            order,
+            matrix.has_negative,
         )
         if parked:
-            return Assignment(chosen, float(gain + matrix.rest.sum()))
+            return Assignment(chosen, gain + len(chosen) * matrix.rest)
     else:
         from sapopt.kernels.matching import park
 
@@ -189,7 +195,9 @@ def _dense(matrix: FloatArray, order: IntArray, backend: Backend) -> Assignment:
     """A dense array: as it is if it has negative entries, else by gains so that all backends park alike."""
     if matrix.size and matrix.min() < 0:
         if backend not in ("auto", "scipy-dense"):
-            raise ValueError(f"backend {backend!r} needs a matrix without negative entries; use 'scipy-dense'")
+            raise ValueError(
+                f"backend {backend!r} needs a matrix without negative entries; use 'scipy-dense'"
+            )
         return _full(matrix)
     return best_assignment(GainMatrix.from_matrix(matrix), order, "scipy-dense")
 
@@ -211,7 +219,7 @@ def _scipy_matching(matrix: GainMatrix, backend: Backend) -> tuple[IntArray, Int
     n, m = matrix.shape
     weights = GainMatrix(
         matrix.row_start, matrix.tasks, np.maximum(matrix.gains, 0.0),
-        matrix.held, np.maximum(matrix.held_gain, 0.0), np.zeros(n), m,
+        matrix.held, np.maximum(matrix.held_gain, 0.0), 0.0, m,
     )  # fmt: skip
     if backend == "scipy-dense":
         from scipy.optimize import linear_sum_assignment
@@ -263,7 +271,9 @@ def _check_shape(shape: tuple[int, ...]) -> None:
     if len(shape) != 2 or 0 in shape:
         raise ValueError(f"matrix must have shape (n, m), got {shape}")
     if shape[0] > shape[1]:
-        raise ValueError(f"{shape[0]} agents cannot each have one of {shape[1]} tasks; add idle tasks (zero columns)")
+        raise ValueError(
+            f"{shape[0]} agents cannot each have one of {shape[1]} tasks; add idle tasks (zero columns)"
+        )
 
 
 def _parking_order(parking: IntArray | None, m: int) -> IntArray:

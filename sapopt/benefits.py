@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
 from sapopt.types import FloatArray, IntArray
 
-StepMatrix = np.ndarray | sp.csr_array
+StepMatrix: TypeAlias = np.ndarray | sp.csr_array
 """The benefits of one step: an ``(n, m)`` array or a CSR matrix of that shape."""
 
 _STEPS_KEPT = 32
@@ -69,7 +69,9 @@ class Benefits:
         elif isinstance(values, (list, tuple)) and len(values) > 0 and any(sp.issparse(v) for v in values):
             self._flat, self.shape = _flatten(values)
         elif sp.issparse(values):
-            raise ValueError("benefits: one sparse matrix is one step; pass a list with a matrix for every step")
+            raise ValueError(
+                "benefits: one sparse matrix is one step; pass a list with a matrix for every step"
+            )
         else:
             self._dense = _dense_array(values)
             self.shape = (self._dense.shape[0], self._dense.shape[1], self._dense.shape[2])
@@ -85,7 +87,8 @@ class Benefits:
         """
         steps, n, m = _checked_shape(shape)
         matrix = sp.csr_array(
-            (np.asarray(data, dtype=np.float64), np.asarray(indices), np.asarray(indptr)), shape=(steps * n, m)
+            (np.asarray(data, dtype=np.float64), np.asarray(indices), np.asarray(indptr)),
+            shape=(steps * n, m),
         )
         matrix.check_format(full_check=True)
         out = cls.__new__(cls)
@@ -131,7 +134,9 @@ class Benefits:
         if self._flat is not None:
             indptr = self._flat.indptr[k * n : (k + 1) * n + 1]
             span = slice(indptr[0], indptr[-1])
-            return sp.csr_array((self._flat.data[span], self._flat.indices[span], indptr - indptr[0]), shape=(n, m))
+            return sp.csr_array(
+                (self._flat.data[span], self._flat.indices[span], indptr - indptr[0]), shape=(n, m)
+            )
         return self._computed(k)
 
     def _computed(self, k: int) -> StepMatrix:
@@ -214,11 +219,11 @@ class Benefits:
         total = np.zeros(self.shape[2])
         for k in range(self.shape[0]):
             step = self.step(k)
-            if sp.issparse(step):
+            if isinstance(step, np.ndarray):
+                total += np.maximum(step, 0.0).sum(axis=0)
+            else:
                 worth = np.maximum(step.data, 0.0)
                 total += np.bincount(step.indices, weights=worth, minlength=len(total))
-            else:
-                total += np.maximum(step, 0.0).sum(axis=0)
         return total
 
     def with_idle_tasks(self, count: int | None = None) -> Benefits:
@@ -236,9 +241,9 @@ class Benefits:
 
         def widened(k: int) -> StepMatrix:
             value = self.step(k)
-            if sp.issparse(value):
-                return sp.csr_array((value.data, value.indices, value.indptr), shape=(n, m + extra))
-            return np.concatenate([value, np.zeros((n, extra))], axis=1)
+            if isinstance(value, np.ndarray):
+                return np.concatenate([value, np.zeros((n, extra))], axis=1)
+            return sp.csr_array((value.data, value.indices, value.indptr), shape=(n, m + extra))
 
         return Benefits.from_function(widened, (steps, n, m + extra))
 
@@ -253,16 +258,16 @@ class Benefits:
 
 def dense_step(step: StepMatrix) -> FloatArray:
     """One step as an ``(n, m)`` array."""
-    return step.toarray() if sp.issparse(step) else np.asarray(step)
+    return step if isinstance(step, np.ndarray) else step.toarray()
 
 
 def _has_neginf(step: StepMatrix) -> bool:
-    return bool(np.isneginf(step.data if sp.issparse(step) else step).any())
+    return bool(np.isneginf(step if isinstance(step, np.ndarray) else step.data).any())
 
 
 def _gather(step: StepMatrix, tasks: IntArray) -> FloatArray:
     agents = np.arange(len(tasks))
-    if not sp.issparse(step):
+    if isinstance(step, np.ndarray):
         return np.asarray(step[agents, tasks])
     # A binary search in every row at once: tasks ascend inside a row, so `row * m + task` ascends over the matrix.
     n, m = step.shape
@@ -285,7 +290,11 @@ def _check_values(values: FloatArray, name: str) -> None:
     if np.isfinite(values.sum()):
         return
     if np.isnan(values).any():
-        where = "" if values.ndim == 1 else f" (first at index {tuple(int(i) for i in np.argwhere(np.isnan(values))[0])})"
+        where = (
+            ""
+            if values.ndim == 1
+            else f" (first at index {tuple(int(i) for i in np.argwhere(np.isnan(values))[0])})"
+        )
         raise ValueError(f"{name} contain NaN{where}; use 0 for no benefit or -inf for a forbidden pair")
     if np.isposinf(values).any():
         raise ValueError(f"{name} contain +inf; use a finite number")
@@ -324,7 +333,9 @@ def _flatten(values: Sequence[Any]) -> tuple[Flat, tuple[int, int, int]]:
     first = values[0].shape
     for k, value in enumerate(values):
         if value.shape != first or len(first) != 2:
-            raise ValueError(f"benefits at step {k} have shape {value.shape}, step 0 has {first}; all must be (n, m)")
+            raise ValueError(
+                f"benefits at step {k} have shape {value.shape}, step 0 has {first}; all must be (n, m)"
+            )
         flat = _canonical(sp.csr_array(value, dtype=np.float64))
         _check_values(flat.data, f"benefits at step {k}")
         parts.append(flat)

@@ -48,7 +48,6 @@ Callback = Callable[[Progress], bool | None]
 """Called with every report; returning True stops the run, which then returns its incumbent."""
 
 
-
 @dataclass
 class Run:
     """State of one run, handed to the solver. The clock starts when it is made.
@@ -99,6 +98,8 @@ class Run:
         message: str = "",
     ) -> bool:
         """Tell the callback; return whether the run should stop."""
-        if self.callback is not None and self.callback(Progress(done, total, self.seconds, value, bound, message)):
+        if self.callback is not None and self.callback(
+            Progress(done, total, self.seconds, value, bound, message)
+        ):
             self.stopped = True
         return self.expired

@@ -69,11 +69,10 @@ class WindowSums:
             from sapopt.kernels.windows import window_gains
 
             flat = self.slice(start, stop).flat()
-            arrays = window_gains(
+            row_start, tasks, gains = window_gains(
                 flat.indptr, flat.indices, flat.data, 0, stop - start, self.n, self.m, entry_cost
-            )  # fmt: skip
-            gains = arrays[2]
-            rows = self._gains[key] = GainRows(*arrays, bool(len(gains) and gains.min() < 0))
+            )
+            rows = self._gains[key] = GainRows(row_start, tasks, gains, bool(len(gains) and gains.min() < 0))
         return rows
 
     def dense(self, start: int, stop: int) -> FloatArray:
@@ -85,9 +84,8 @@ class WindowSums:
 
     def forget(self, before: int) -> None:
         """Drop windows that start before a step."""
-        for store in (self._gains, self._dense):
-            for key in [key for key in store if key[0] < before]:
-                del store[key]  # type: ignore[attr-defined]
+        self._gains = {key: rows for key, rows in self._gains.items() if key[0] >= before}
+        self._dense = {key: sums for key, sums in self._dense.items() if key[0] >= before}
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +168,9 @@ class Rollout:
     trace: list[dict[str, Any]] = field(default_factory=list)
 
 
-def rollout(problem: SAP, policy: Policy, run: Run | None = None, forecast: Forecast | None = None) -> Rollout:
+def rollout(
+    problem: SAP, policy: Policy, run: Run | None = None, forecast: Forecast | None = None
+) -> Rollout:
     """Play a policy through a problem.
 
     Parameters
@@ -221,7 +221,9 @@ def rollout(problem: SAP, policy: Policy, run: Run | None = None, forecast: Fore
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     if k < problem.T:
-        log.warning("%s ended at step %d of %d; the last assignment is kept from there", policy.name, k, problem.T)
+        log.warning(
+            "%s ended at step %d of %d; the last assignment is kept from there", policy.name, k, problem.T
+        )
         _hold(problem, plan, k, state)
     return Rollout(plan, status, trace)
 

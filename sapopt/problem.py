@@ -84,7 +84,9 @@ class SAP:
         self._check_forbidden()
 
     @classmethod
-    def with_idle_tasks(cls, benefits: Any, dynamics: Dynamics | float = 0.0, *args: Any, **kwargs: Any) -> SAP:
+    def with_idle_tasks(
+        cls, benefits: Any, dynamics: Dynamics | float = 0.0, *args: Any, **kwargs: Any
+    ) -> SAP:
         """Build a problem with one more task of zero benefit per agent, so that agents can idle (and n > m is allowed).
 
         The appended tasks have the indices ``m .. m + n - 1``; other arguments are those of `SAP`.
@@ -111,7 +113,9 @@ class SAP:
         """Handover matrix eta(s_k), shape ``(n, m)``."""
         eta = np.asarray(self.model.handover(k, state), dtype=np.float64)
         if eta.shape != (self.n, self.m):
-            raise ValueError(f"dynamics.handover returned shape {eta.shape} at step {k}, expected {(self.n, self.m)}")
+            raise ValueError(
+                f"dynamics.handover returned shape {eta.shape} at step {k}, expected {(self.n, self.m)}"
+            )
         if np.isnan(eta).any() or np.isposinf(eta).any():
             raise ValueError(f"dynamics.handover returned NaN or +inf at step {k}")
         return eta
@@ -152,8 +156,14 @@ class SAP:
             state = self.transition(k, state, tasks[k])
         if not np.isfinite(held.sum() + eta.sum()):
             k, i = (int(x) for x in np.argwhere(~np.isfinite(held + eta))[0])
-            raise ValueError(f"plan: agent {i} may not take task {tasks[k, i]} at step {k} (the pair is forbidden)")
-        previous = tasks[:-1] if self.initial_assignment is None else np.vstack([self.initial_assignment, tasks[:-1]])
+            raise ValueError(
+                f"plan: agent {i} may not take task {tasks[k, i]} at step {k} (the pair is forbidden)"
+            )
+        previous = (
+            tasks[:-1]
+            if self.initial_assignment is None
+            else np.vstack([self.initial_assignment, tasks[:-1]])
+        )
         handovers = int((tasks[len(tasks) - len(previous) :] != previous).sum())
         value = math.fsum(held.ravel()) + math.fsum(eta.ravel())
         return Evaluation(value, held.sum(axis=1), eta.sum(axis=1), handovers)
@@ -196,7 +206,12 @@ class SAP:
             If the dynamics is user-defined: files hold data, never code.
         """
         meta, arrays = _described(self.dynamics)
-        meta |= {"format": _FORMAT, "agents": self.agents, "tasks": self.tasks, "shape": [self.T, self.n, self.m]}
+        meta |= {
+            "format": _FORMAT,
+            "agents": self.agents,
+            "tasks": self.tasks,
+            "shape": [self.T, self.n, self.m],
+        }
         if self.benefits.is_sparse:
             flat = self.benefits.flat()
             arrays |= {"indptr": flat.indptr, "indices": flat.indices, "data": flat.data}
@@ -220,7 +235,9 @@ class SAP:
             if "dense" in arrays:
                 benefits = Benefits(arrays["dense"])
             else:
-                benefits = Benefits.from_flat(arrays["indptr"], arrays["indices"], arrays["data"], meta["shape"])
+                benefits = Benefits.from_flat(
+                    arrays["indptr"], arrays["indices"], arrays["data"], meta["shape"]
+                )
             return cls(
                 benefits, _rebuilt(meta, arrays), arrays.get("initial_assignment"),
                 agents=meta["agents"], tasks=meta["tasks"],
@@ -273,7 +290,9 @@ def _described(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """A built-in dynamics as plain values and arrays; private state (the bound benefits) is left out."""
     name = type(dynamics).__name__
     if getattr(dynamics_models, name, None) is not type(dynamics):
-        raise ValueError(f"dynamics: {name} is user-defined; only problems with dynamics of sapopt can be written")
+        raise ValueError(
+            f"dynamics: {name} is user-defined; only problems with dynamics of sapopt can be written"
+        )
     meta: dict[str, Any] = {"dynamics": name}
     arrays: dict[str, Any] = {}
     for item in dataclasses.fields(dynamics):

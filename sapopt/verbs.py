@@ -119,7 +119,7 @@ def _matrix(problem: SAP, k: int) -> Any:
     from sapopt.assignment import GainMatrix
 
     step = problem.benefits.step(k)
-    if isinstance(step, np.ndarray) or step.nnz and step.data.min() < 0:
+    if isinstance(step, np.ndarray) or (step.nnz and step.data.min() < 0):
         dense: FloatArray = dense_step(step)
         return dense
     return GainMatrix.from_matrix(step)

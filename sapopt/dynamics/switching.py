@@ -48,7 +48,9 @@ class SwitchingCost:
         cost = np.asarray(self.cost, dtype=np.float64)
         if cost.ndim == 2 and cost.shape[0] == cost.shape[1]:
             if np.diagonal(cost).any():
-                raise ValueError("cost: the diagonal must be zero, since staying on a task is no change of task")
+                raise ValueError(
+                    "cost: the diagonal must be zero, since staying on a task is no change of task"
+                )
         elif cost.ndim != 0:
             raise ValueError(f"cost must be a number or an (m, m) matrix, got shape {cost.shape}")
         if not np.isfinite(cost).all() or (cost < 0).any():
@@ -121,13 +123,14 @@ class SwitchingCost:
         n, m = windows.n, windows.m
         if state is None:
             rows = windows.gains(start, stop, 0.0)
-            return GainMatrix(*rows.arrays, np.full(n, -1), np.zeros(n), np.zeros(n), m, rows.has_negative)
+            return GainMatrix(*rows.arrays, np.full(n, -1), np.zeros(n), 0.0, m, rows.has_negative)
         plain = windows.gains(start, stop, 0.0)
-        held_gain = listed_gain(*plain.arrays, state)
         if self.idle_is_free:
+            held_gain = listed_gain(*plain.arrays, state, 0.0)
             rows = windows.gains(start, stop, cost)
-            return GainMatrix(*rows.arrays, state, held_gain, np.zeros(n), m, rows.has_negative)
-        return GainMatrix(*plain.arrays, state, held_gain + cost, np.full(n, -cost), m, plain.has_negative)
+            return GainMatrix(*rows.arrays, state, held_gain, 0.0, m, rows.has_negative)
+        held_gain = listed_gain(*plain.arrays, state, cost)
+        return GainMatrix(*plain.arrays, state, held_gain, -cost, m, plain.has_negative)
 
     def path_oracle(self, benefits: Benefits, state: Held) -> Any:
         """Longest priced paths of the agents (`sapopt.dynamics.local.PathOracle`)."""

@@ -6,8 +6,8 @@ total gain is greatest. This is the assignment problem alpha(beta_hat) after the
 was subtracted.
 
 Rows are sorted by decreasing gain, so a search stops as soon as the rest of a row cannot matter. The duals are
-utilities ``u[i] >= 0`` and prices ``p[j] >= 0`` with ``u[i] + p[j] >= gain[i, j]``, tight on matched pairs, and zero for
-idle agents and free tasks (Jonker and Volgenant, 1987; Bertsekas, 1998, chapter 7).
+utilities ``u[i] >= 0`` and prices ``p[j] >= 0`` with ``u[i] + p[j] >= gain[i, j]``, tight on matched pairs, zero for idle
+agents and free tasks (Jonker and Volgenant, 1987; Bertsekas, 1998, chapter 7).
 """
 
 from __future__ import annotations
@@ -418,19 +418,16 @@ def settle_ties(row_start, tasks, gains, held, held_gain, chosen, owner, u, p):
 
     # Tight pairs outside the matching. Agent n is the pool: of free tasks and of private idle options.
     head = np.empty(row_start[n] + 3 * n + 1, np.int64)
-    task_of = np.empty(row_start[n] + 3 * n + 1, np.int64)
     start = np.zeros(n + 2, np.int64)
     count = 0
     for i in range(n):
         start[i] = count
         if chosen[i] >= 0 and u[i] <= tol:
             head[count] = n
-            task_of[count] = -1
             count += 1
         j = held[i]
         if j >= 0 and j != chosen[i] and held_gain[i] > 0.0 and held_gain[i] - p[j] >= u[i] - tol:
             head[count] = owner[j] if owner[j] >= 0 else n
-            task_of[count] = j
             count += 1
         for e in range(row_start[i], row_start[i + 1]):
             g = gains[e]
@@ -440,15 +437,15 @@ def settle_ties(row_start, tasks, gains, held, held_gain, chosen, owner, u, p):
             if j == held[i] or j == chosen[i] or g - p[j] < u[i] - tol:
                 continue
             head[count] = owner[j] if owner[j] >= 0 else n
-            task_of[count] = j
             count += 1
     start[n] = count
     if count == 0:
         return
-    for i in range(n):  # what the pool may take back: an idle option, or a task that is worth nothing to leave free
+    for i in range(
+        n
+    ):  # what the pool may take back: an idle option, or a task that is worth nothing to leave free
         if chosen[i] < 0 or p[chosen[i]] <= tol:
             head[count] = i
-            task_of[count] = -2
             count += 1
     start[n + 1] = count
 

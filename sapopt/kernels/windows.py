@@ -83,12 +83,12 @@ def _fill_sorted(tasks, gains, total, begin, end):
 
 
 @njit(cache=True, nogil=True)
-def listed_gain(row_start, tasks, gains, chosen):
-    """Gain listed for task ``chosen[i]`` of every agent i; 0 where it is not listed or the task is -1."""
-    out = np.zeros(len(chosen))
+def listed_gain(row_start, tasks, gains, chosen, bonus):
+    """Gain listed for task ``chosen[i]`` of every agent i (0 where it is not listed), plus `bonus`."""
+    out = np.full(len(chosen), bonus)
     for i in range(len(chosen)):
         for e in range(row_start[i], row_start[i + 1]):
             if tasks[e] == chosen[i]:
-                out[i] = gains[e]
+                out[i] += gains[e]
                 break
     return out

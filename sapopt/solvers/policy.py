@@ -114,7 +114,9 @@ class Greedy:
     def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
         """Choose agent by agent from beta_hat of the current step."""
         matrix = outlook.beta_hat()
-        return _greedy_sparse(matrix, outlook) if isinstance(matrix, GainMatrix) else _greedy_dense(matrix, outlook), None
+        return _greedy_sparse(matrix, outlook) if isinstance(matrix, GainMatrix) else _greedy_dense(
+            matrix, outlook
+        ), None
 
 
 def _greedy_sparse(matrix: GainMatrix, outlook: Outlook) -> IntArray:
