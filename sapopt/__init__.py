@@ -1,10 +1,12 @@
 """sapopt: sequential assignment problems, solved by every method of the field, with proven bounds."""
 
-from sapopt.assignment import GainMatrix, InfeasibleError, assign
+from sapopt.assignment import assign
 from sapopt.benefits import Benefits
 from sapopt.certificate import Bound
 from sapopt.control import Progress
 from sapopt.dynamics import SwitchingCost
+from sapopt.feasibility import InfeasibleError
+from sapopt.matrices import GainMatrix
 from sapopt.outlook import Outlook, rollout
 from sapopt.problem import SAP
 from sapopt.result import Evaluation, Result, Status

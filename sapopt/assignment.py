@@ -28,87 +28,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 import scipy.sparse as sp
 
+from sapopt.feasibility import InfeasibleError, explain_infeasible
+from sapopt.matrices import GainMatrix, Matrix
 from sapopt.types import FloatArray, IntArray
 
 Backend = Literal["auto", "kernel", "scipy-sparse", "scipy-dense"]
 
 _SPARSE_SHARE = 0.25
-
-
-class InfeasibleError(ValueError):
-    """No full assignment exists; the message names the agents that are short of tasks."""
-
-
-@dataclass(frozen=True, eq=False)
-class GainMatrix:
-    """An ``(n, m)`` benefit matrix in which all unlisted pairs have one common value.
-
-    The value of pair (i, j) is ``rest + held_gain[i]`` if ``j == held[i]``, else ``rest`` plus the listed gain, else
-    ``rest``. This is beta_hat of a sparse problem with a switching cost: idling costs the same on any task.
-
-    Attributes
-    ----------
-    row_start : ndarray of int64, shape (n + 1,)
-    tasks : ndarray of int32, shape (nnz,)
-    gains : ndarray of float64, shape (nnz,)
-        Sorted by decreasing gain inside a row, equal gains by ascending task.
-    held : ndarray of int64, shape (n,)
-        Task with a gain of its own, -1 for none.
-    held_gain : ndarray of float64, shape (n,)
-    rest : float
-    m : int
-        Number of tasks.
-    has_negative : bool
-        Whether a gain is negative, so that idle agents must look where they park.
-    """
-
-    row_start: IntArray
-    tasks: np.ndarray
-    gains: FloatArray
-    held: IntArray
-    held_gain: FloatArray
-    rest: float
-    m: int
-    has_negative: bool = False
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """``(n, m)``."""
-        return len(self.held), self.m
-
-    @classmethod
-    def from_matrix(cls, matrix: np.ndarray | sp.csr_array) -> GainMatrix:
-        """Read a dense or sparse matrix; pairs of value zero are the common value."""
-        from sapopt.kernels.windows import window_gains
-
-        csr = sp.csr_array(matrix)
-        csr.sum_duplicates()
-        n, m = csr.shape
-        indptr, indices = csr.indptr.astype(np.int64), csr.indices.astype(np.int32)
-        data = csr.data.astype(np.float64)
-        row_start, tasks, gains = window_gains(indptr, indices, data, 0, 1, n, m, 0.0)
-        negative = bool(len(data) and data.min() < 0)
-        return cls(row_start, tasks, gains, np.full(n, -1), np.zeros(n), 0.0, m, negative)
-
-    def toarray(self) -> FloatArray:
-        """The matrix as an array of shape ``(n, m)``."""
-        n, m = self.shape
-        out = np.full((n, m), self.rest)
-        rows = np.repeat(np.arange(n), np.diff(self.row_start))
-        out[rows, self.tasks] = self.rest + self.gains
-        holds = np.flatnonzero(self.held >= 0)
-        out[holds, self.held[holds]] = self.rest + self.held_gain[holds]
-        return out
-
-    def value(self, assignment: IntArray) -> float:
-        """Total benefit of an assignment."""
-        from sapopt.kernels.matching import total_gain
-
-        gain = total_gain(self.row_start, self.tasks, self.gains, self.held, self.held_gain, assignment)
-        return float(gain + len(self.held) * self.rest)
-
-
-Matrix = FloatArray | GainMatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,25 +209,3 @@ def _parking_order(parking: IntArray | None, m: int) -> IntArray:
     if order.shape != (m,) or not np.array_equal(np.sort(order), np.arange(m)):
         raise ValueError(f"parking must be a permutation of the {m} tasks")
     return order
-
-
-def explain_infeasible(allowed: Any) -> str:
-    """Say which agents are short of tasks, given the ``(n, m)`` mask (array or CSR) of allowed pairs."""
-    from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
-
-    graph = sp.csr_array(allowed)
-    graph.eliminate_zeros()
-    n, m = graph.shape
-    tasks = maximum_bipartite_matching(graph, perm_type="column")
-    unmatched = np.flatnonzero(tasks < 0)
-    if not len(unmatched):
-        return ""
-    # Agents reachable by alternating paths from an unmatched one compete for fewer tasks than they are (Hall).
-    owner = np.full(m, -1)
-    owner[tasks[tasks >= 0]] = np.flatnonzero(tasks >= 0)
-    step = sp.csr_array(graph[:, owner >= 0] != 0)
-    onward = sp.csr_array((step.data, owner[owner >= 0][step.indices], step.indptr), shape=(n, n))
-    agents = np.sort(breadth_first_order(onward, int(unmatched[0]), return_predecessors=False))
-    share = len(np.unique(sp.csr_array(graph[agents]).indices))
-    names = ", ".join(map(str, agents[:8])) + (", ..." if len(agents) > 8 else "")
-    return f"no full assignment exists: agents {names} ({len(agents)} in all) are allowed only {share} tasks together"

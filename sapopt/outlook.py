@@ -9,9 +9,11 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from sapopt.assignment import InfeasibleError, Matrix, best_assignment
+from sapopt.assignment import best_assignment
 from sapopt.benefits import Benefits, dense_step
 from sapopt.control import Run
+from sapopt.feasibility import InfeasibleError
+from sapopt.matrices import Matrix
 from sapopt.problem import SAP
 from sapopt.result import Status
 from sapopt.types import FloatArray, IntArray

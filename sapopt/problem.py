@@ -17,6 +17,7 @@ from sapopt import dynamics as dynamics_models
 from sapopt.benefits import Benefits, dense_step
 from sapopt.dynamics.base import Dynamics
 from sapopt.dynamics.switching import SwitchingCost
+from sapopt.feasibility import explain_infeasible
 from sapopt.result import Evaluation, read_npz, write_npz
 from sapopt.types import FloatArray, IntArray
 
@@ -261,8 +262,6 @@ class SAP:
 
     def _check_forbidden(self) -> None:
         if self.benefits.forbids():
-            from sapopt.assignment import explain_infeasible
-
             for k in range(self.T):
                 reason = explain_infeasible(~np.isneginf(dense_step(self.benefits.step(k))))
                 if reason:

@@ -11,6 +11,7 @@ from sapopt.assignment import best_assignment
 from sapopt.benefits import dense_step
 from sapopt.certificate import Bound
 from sapopt.control import Callback, Run
+from sapopt.matrices import GainMatrix
 from sapopt.outlook import Forecast, Policy, rollout
 from sapopt.problem import SAP
 from sapopt.result import Result
@@ -116,8 +117,6 @@ def stepwise_bound(problem: SAP) -> Bound:
 
 
 def _matrix(problem: SAP, k: int) -> Any:
-    from sapopt.assignment import GainMatrix
-
     step = problem.benefits.step(k)
     if isinstance(step, np.ndarray) or (step.nnz and step.data.min() < 0):
         dense: FloatArray = dense_step(step)

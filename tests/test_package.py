@@ -17,11 +17,11 @@ PACKAGE = Path(sapopt.__file__).resolve().parent
 
 LAYERS = (
     ("cli",),
-    ("verbs", "domains", "learning", "plotting"),
+    ("verbs", "domains", "learning", "plotting", "display"),
     ("solvers",),
     ("formulations",),
     ("certificate", "outlook", "assignment"),
-    ("problem", "dynamics", "benefits", "result", "io", "types", "kernels"),
+    ("problem", "dynamics", "benefits", "result", "control", "io", "types", "kernels", "matrices", "feasibility"),
 )
 RANK = {name: len(LAYERS) - level for level, names in enumerate(LAYERS) for name in names}
 

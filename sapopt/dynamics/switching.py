@@ -11,7 +11,7 @@ from sapopt.benefits import Benefits, dense_step
 from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from sapopt.assignment import Matrix
+    from sapopt.matrices import Matrix
     from sapopt.outlook import WindowSums
     from sapopt.problem import SAP
 
@@ -113,7 +113,7 @@ class SwitchingCost:
 
     def interval(self, windows: WindowSums, start: int, stop: int, state: Held) -> Matrix:
         """Benefit of holding one assignment over ``start .. stop - 1``: window sum plus the handover at `start`."""
-        from sapopt.assignment import GainMatrix
+        from sapopt.matrices import GainMatrix
 
         if not windows.is_sparse or not self.is_uniform:
             return windows.dense(start, stop) + self._dense_handover(windows, start, state)

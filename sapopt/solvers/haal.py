@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sapopt.assignment import InfeasibleError, best_assignment
+from sapopt.assignment import best_assignment
+from sapopt.feasibility import InfeasibleError
 from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead

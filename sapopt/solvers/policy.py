@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.assignment import GainMatrix, Matrix
+from sapopt.matrices import GainMatrix, Matrix
 from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.types import IntArray
