@@ -116,7 +116,7 @@ def benefit_history(
         color = PALETTE[number % len(PALETTE)]
         benefit = problem.benefits.at(result.plan)[:, agent]
         changed = _changes(problem, result.plan)[:, agent]
-        label = f"{name}: {benefit.sum():.1f} with {int(changed.sum())} handovers"
+        label = f"{name}: benefit {benefit.sum():.1f}, {int(changed.sum())} handovers"
         # The later lines are thinner, so that equal stretches stay visible under each other.
         width = max(3.2 - 1.1 * number, 1.1)
         ax.plot(
@@ -194,10 +194,60 @@ def timeline(
     )
     bar = ax.figure.colorbar(image, ax=ax, pad=0.015, fraction=0.03)
     bar.set_label("benefit")
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     ax.tick_params(length=0)
     for spine in ax.spines.values():
         spine.set_visible(False)
+    return ax
+
+
+def gap_trace(result: Result, ax: Axes | None = None) -> Axes:
+    """Draw how the bound fell and the incumbent rose while a planner ran.
+
+    Parameters
+    ----------
+    result : Result
+        With a trace whose records hold ``seconds`` and ``bound`` or ``value``.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    ValueError
+        If the trace holds no bound; policies decide step by step and have none.
+    """
+    if not any(record.get("bound") is not None for record in result.trace):
+        raise ValueError(f"result: the trace of {result.solver} holds no bounds; gap_trace is for planners")
+    ax = _axes(ax, (7.2, 3.6))
+    shown = []
+    for key, color, label in (("bound", _BOUND, "proven bound"), ("value", _BEST, "best plan")):
+        points = [(r["seconds"], r[key]) for r in result.trace if r.get(key) is not None]
+        if points:
+            x, y = np.array(points, dtype=float).T
+            # An incumbent and a bound hold until a better one is found.
+            ax.step(x, y, where="post", color=color, lw=1.8, label=f"{label}: {y[-1]:,.1f}")
+            shown.append(y)
+    last = [y[-1] for y in shown]
+    # The first bounds are far off; show the last nine tenths of the run's way, where the gap closes.
+    tail = np.concatenate([y[len(y) // 10 :] for y in shown])
+    margin = 0.05 * max(tail.max() - tail.min(), 1e-9)
+    ax.set_ylim(tail.min() - margin, tail.max() + margin)
+    if len(last) == 2 and last[0]:
+        ax.set_title(
+            f"{_name(result)}: gap {100 * (last[0] - last[1]) / abs(last[0]):.3f} %",
+            fontsize=9,
+            loc="left",
+            color=_MUTED,
+        )
+    ax.set_xlabel("seconds")
+    ax.set_ylabel("value")
+    ax.grid(axis="y", color="#EEEEEE")
+    ax.set_axisbelow(True)
+    ax.legend(frameon=False, fontsize=9, loc="center right")
+    _despine(ax)
     return ax
 
 

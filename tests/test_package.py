@@ -21,7 +21,18 @@ LAYERS = (
     ("solvers",),
     ("formulations",),
     ("certificate", "outlook", "assignment"),
-    ("problem", "dynamics", "benefits", "result", "control", "io", "types", "kernels", "matrices", "feasibility"),
+    (
+        "problem",
+        "dynamics",
+        "benefits",
+        "result",
+        "control",
+        "io",
+        "types",
+        "kernels",
+        "matrices",
+        "feasibility",
+    ),
 )
 RANK = {name: len(LAYERS) - level for level, names in enumerate(LAYERS) for name in names}
 

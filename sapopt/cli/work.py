@@ -1,0 +1,129 @@
+"""The long stretches of the commands: build a problem, compile, solve, prove a bound; each shows its progress."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sapopt import verbs
+from sapopt.certificate import Bound
+from sapopt.cli.names import NamedSolver, nearest
+from sapopt.cli.progress import Phase, Reporter
+from sapopt.control import Callback, Progress
+from sapopt.display import describe
+from sapopt.domains.instances import find_instance, instance, instances
+from sapopt.problem import SAP
+from sapopt.result import Result, Status
+
+_WARM_UP_STEPS = 3
+_WARM_UP_SECONDS = 2.0
+
+
+def check_instance(name: str) -> None:
+    """Raise ValueError, before any work, if `name` is neither a built-in instance nor a file."""
+    path = Path(name)
+    if path.suffix == ".npz" or path.is_file() or len(path.parts) > 1:
+        if not path.is_file():
+            raise ValueError(f"there is no file {name}")
+        return
+    known = [entry.name for entry in instances()]
+    if name not in known:
+        raise ValueError(nearest(name, known, "instance"))
+
+
+def load(name: str, seed: int, cost: float | None, reporter: Reporter) -> tuple[str, SAP]:
+    """Name and problem of a built-in instance, or of a file written by ``SAP.save``."""
+    check_instance(name)
+    path = Path(name)
+    if path.is_file():
+        if cost is not None:
+            raise ValueError("--cost applies to built-in instances; a file has its own costs")
+        with reporter.phase(f"reading {name}") as phase:
+            problem = SAP.load(path)
+            phase.note = _size(problem)
+        return path.stem, problem
+    steps, n, m = find_instance(name).shape
+    with reporter.phase(f"building {name}") as phase:
+        phase.update(note=f"{n} agents, {m} tasks, {steps} steps")
+        problem = instance(name, seed, cost=cost)
+        phase.note = _size(problem)
+    return name, problem
+
+
+def _size(problem: SAP) -> str:
+    return f"{problem.n} agents, {problem.m} tasks, {problem.T} steps"
+
+
+def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> None:
+    """Compile what the solvers and the bound need, on the first steps, so that no time reported contains it."""
+    steps = min(_WARM_UP_STEPS, problem.T)
+    small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
+    with reporter.phase("compiling kernels", total=len(solvers)) as phase:
+        for done, named in enumerate(solvers):
+            phase.update(done, note=named.name)
+            verbs.solve(small, named.solver, time_limit=_WARM_UP_SECONDS)
+        phase.note = ""
+
+
+def run_solver(
+    problem: SAP, named: NamedSolver, seed: int, time_limit: float | None, reporter: Reporter
+) -> Result:
+    """Solve, showing step after step, or bound and incumbent."""
+    with reporter.phase(named.name) as phase:
+        result = verbs.solve(problem, named.solver, seed=seed, time_limit=time_limit, callback=_show(phase))
+        phase.note = f"value {result.value:,.1f}"
+        if result.bound is not None:
+            phase.note += f"  bound {result.bound:,.1f}  gap {100 * (result.gap or 0.0):.2f} %"
+        if result.status in (Status.TIME_LIMIT, Status.INTERRUPTED):
+            phase.note += f"  ({result.status.value})"
+    return result
+
+
+def _show(phase: Phase) -> Callback:
+    """Turn the reports of a solver into progress."""
+
+    def show(progress: Progress) -> None:
+        phase.update(progress.done, progress.total or None, describe(progress))
+
+    return show
+
+
+def prove_bound(problem: SAP, reporter: Reporter) -> Bound:
+    """A proven upper bound of the problem."""
+    with reporter.phase("proving a bound") as phase:
+        proven = verbs.bound(problem)
+        phase.note = f"{proven.value:,.1f}"
+    return proven
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The results by solver name, the best bound known, and whether the user ended the run early."""
+
+    results: dict[str, Result]
+    bound: float | None
+    interrupted: bool
+
+
+def compare(
+    problem: SAP, solvers: list[NamedSolver], seed: int, time_limit: float | None, reporter: Reporter
+) -> Comparison:
+    """Run the solvers one after the other. Ctrl-C ends the run; what is there until then is kept."""
+    results: dict[str, Result] = {}
+    bounds: list[float] = []
+    interrupted = False
+    try:
+        warm_up(problem, solvers, reporter)
+        for named in solvers:
+            results[named.name] = run_solver(problem, named, seed, time_limit, reporter)
+            if results[named.name].status is Status.INTERRUPTED:
+                raise KeyboardInterrupt
+        bounds = [result.bound for result in results.values() if result.bound is not None]
+        if not bounds:
+            bounds.append(prove_bound(problem, reporter).value)
+    except KeyboardInterrupt:
+        if not results:
+            raise
+        interrupted = True
+        bounds = [result.bound for result in results.values() if result.bound is not None]
+    return Comparison(results, min(bounds, default=None), interrupted)
