@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from sapopt import SAP, Result, SwitchingCost, plotting, solve
 from sapopt.solvers import HAA, HAAL, NoHandover
 
-
 mpl.use("Agg")
 
 

@@ -41,6 +41,11 @@ class _OneLineErrors(TyperGroup):
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
         except typer.Abort:
             code = EXIT_INTERRUPTED
+        except SystemError as error:
+            # Ctrl-C in the middle of a compiled kernel comes out like this.
+            if not isinstance(error.__cause__, KeyboardInterrupt):
+                raise
+            code = EXIT_INTERRUPTED
         except Exception as error:
             message = _message(error)
             if message is None:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 from sapopt import verbs
 from sapopt.certificate import Bound
 from sapopt.cli.names import NamedSolver, nearest
-from sapopt.cli.progress import Phase, Reporter
-from sapopt.control import Callback, Progress
+from sapopt.cli.progress import Reporter
+from sapopt.control import Progress
 from sapopt.display import describe
 from sapopt.domains.instances import find_instance, instance, instances
 from sapopt.problem import SAP
@@ -61,31 +67,53 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
     with reporter.phase("compiling kernels", total=len(solvers)) as phase:
         for done, named in enumerate(solvers):
             phase.update(done, note=named.name)
-            verbs.solve(small, named.solver, time_limit=_WARM_UP_SECONDS)
+            if verbs.solve(small, named.solver, time_limit=_WARM_UP_SECONDS).status is Status.INTERRUPTED:
+                raise KeyboardInterrupt
         phase.note = ""
+
+
+@contextmanager
+def _first_interrupt_asks() -> Iterator[threading.Event]:
+    """Within the block the first Ctrl-C only sets the event that is yielded; the second one interrupts as usual.
+
+    An exception raised in the middle of a compiled kernel would not reach the solver as a KeyboardInterrupt, and the
+    plan made so far would be lost.
+    """
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked  # signals belong to the main thread
+        return
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+        os.write(2, b"\nstopping after this step; press Ctrl-C again to stop at once\n")
+
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def run_solver(
     problem: SAP, named: NamedSolver, seed: int, time_limit: float | None, reporter: Reporter
 ) -> Result:
-    """Solve, showing step after step, or bound and incumbent."""
-    with reporter.phase(named.name) as phase:
-        result = verbs.solve(problem, named.solver, seed=seed, time_limit=time_limit, callback=_show(phase))
+    """Solve, showing step after step, or bound and incumbent. Ctrl-C ends the run with what it has."""
+    with reporter.phase(named.name) as phase, _first_interrupt_asks() as asked:
+
+        def show(progress: Progress) -> bool:
+            phase.update(progress.done, progress.total or None, describe(progress))
+            return asked.is_set()
+
+        result = verbs.solve(problem, named.solver, seed=seed, time_limit=time_limit, callback=show)
         phase.note = f"value {result.value:,.1f}"
         if result.bound is not None:
             phase.note += f"  bound {result.bound:,.1f}  gap {100 * (result.gap or 0.0):.2f} %"
         if result.status in (Status.TIME_LIMIT, Status.INTERRUPTED):
             phase.note += f"  ({result.status.value})"
     return result
-
-
-def _show(phase: Phase) -> Callback:
-    """Turn the reports of a solver into progress."""
-
-    def show(progress: Progress) -> None:
-        phase.update(progress.done, progress.total or None, describe(progress))
-
-    return show
 
 
 def prove_bound(problem: SAP, reporter: Reporter) -> Bound:
