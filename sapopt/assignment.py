@@ -29,8 +29,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.feasibility import InfeasibleError, explain_infeasible
-from sapopt.matrices import GainMatrix, Matrix
-from sapopt.types import FloatArray, IntArray
+from sapopt.matrices import GainMatrix, Matrix, checked_matrix
+from sapopt.types import FloatArray, IntArray, index_array
 
 Backend = Literal["auto", "kernel", "scipy-sparse", "scipy-dense"]
 
@@ -71,8 +71,11 @@ def assign(matrix: Any, *, backend: Backend = "auto", parking: IntArray | None =
     """
     if backend not in get_args(Backend):
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
-    checked = _checked(matrix)
-    order = _parking_order(parking, checked.shape[1])
+    checked = checked_matrix(matrix)
+    n, m = checked.shape
+    if n > m:
+        raise ValueError(f"{n} agents cannot each have one of {m} tasks; add idle tasks (zero columns)")
+    order = _parking_order(parking, m)
     return best_assignment(checked, order, backend).tasks
 
 
@@ -175,37 +178,10 @@ def _scipy_matching(matrix: GainMatrix, backend: Backend) -> tuple[IntArray, Int
     return chosen, owner
 
 
-def _checked(matrix: Any) -> Matrix:
-    if isinstance(matrix, GainMatrix):
-        return matrix
-    if sp.issparse(matrix):
-        values = matrix.data
-        if len(values) == 0 or values.min() >= 0:
-            if not np.isfinite(values).all():
-                raise ValueError("matrix contains NaN or +inf")
-            _check_shape(matrix.shape)
-            return GainMatrix.from_matrix(sp.csr_array(matrix))
-        matrix = matrix.toarray()
-    array = np.asarray(matrix, dtype=np.float64)
-    _check_shape(array.shape)
-    if np.isnan(array).any() or np.isposinf(array).any():
-        raise ValueError("matrix contains NaN or +inf; use -inf for a forbidden pair")
-    return array
-
-
-def _check_shape(shape: tuple[int, ...]) -> None:
-    if len(shape) != 2 or 0 in shape:
-        raise ValueError(f"matrix must have shape (n, m), got {shape}")
-    if shape[0] > shape[1]:
-        raise ValueError(
-            f"{shape[0]} agents cannot each have one of {shape[1]} tasks; add idle tasks (zero columns)"
-        )
-
-
 def _parking_order(parking: IntArray | None, m: int) -> IntArray:
     if parking is None:
         return np.arange(m)
-    order = np.asarray(parking, dtype=np.int64)
+    order = index_array(parking, "parking")
     if order.shape != (m,) or not np.array_equal(np.sort(order), np.arange(m)):
         raise ValueError(f"parking must be a permutation of the {m} tasks")
     return order

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.types import FloatArray, IntArray, index_array, real_array
 
 StepMatrix: TypeAlias = np.ndarray | sp.csr_array
 """The benefits of one step: an ``(n, m)`` array or a CSR matrix of that shape."""
@@ -87,7 +88,7 @@ class Benefits:
         """
         steps, n, m = _checked_shape(shape)
         matrix = sp.csr_array(
-            (np.asarray(data, dtype=np.float64), np.asarray(indices), np.asarray(indptr)),
+            (real_array(data, "data"), index_array(indices, "indices"), index_array(indptr, "indptr")),
             shape=(steps * n, m),
         )
         matrix.check_format(full_check=True)
@@ -147,15 +148,16 @@ class Benefits:
         _, n, m = self.shape
         raw = self._function(k + self._offset)
         value: StepMatrix
+        name = f"benefits at step {k + self._offset}"
         if sp.issparse(raw):
-            flat = _canonical(sp.csr_array(raw))
+            flat = _canonical(_real_csr(raw, name))
             value = sp.csr_array((flat.data, flat.indices, flat.indptr), shape=raw.shape)
-            _check_values(flat.data, f"benefits at step {k}")
+            _check_values(flat.data, name)
         else:
-            value = np.asarray(raw, dtype=np.float64)
-            _check_values(value, f"benefits at step {k}")
+            value = real_array(raw, name)
+            _check_values(value, name)
         if value.shape != (n, m):
-            raise ValueError(f"benefits at step {k} have shape {value.shape}, expected {(n, m)}")
+            raise ValueError(f"{name} have shape {value.shape}, expected {(n, m)}")
         self._kept[k] = value
         if len(self._kept) > _STEPS_KEPT:
             self._kept.popitem(last=False)
@@ -280,14 +282,20 @@ def _gather(step: StepMatrix, tasks: IntArray) -> FloatArray:
 
 
 def _checked_shape(shape: Sequence[int]) -> tuple[int, int, int]:
-    if len(shape) != 3 or any(int(s) < 1 for s in shape):
-        raise ValueError(f"benefits need a shape (T, n, m) of three positive numbers, got {tuple(shape)}")
-    return int(shape[0]), int(shape[1]), int(shape[2])
+    try:
+        steps, n, m = (operator.index(s) for s in shape)
+    except (TypeError, ValueError):
+        steps, n, m = 0, 0, 0
+    if min(steps, n, m) < 1:
+        raise ValueError(f"benefits need a shape (T, n, m) of three positive whole numbers, got {shape!r}")
+    return steps, n, m
 
 
 def _check_values(values: FloatArray, name: str) -> None:
     # The sum is finite for almost every valid input, and one pass is all that then happens.
-    if np.isfinite(values.sum()):
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = values.sum()
+    if np.isfinite(total):
         return
     if np.isnan(values).any():
         where = (
@@ -298,12 +306,15 @@ def _check_values(values: FloatArray, name: str) -> None:
         raise ValueError(f"{name} contain NaN{where}; use 0 for no benefit or -inf for a forbidden pair")
     if np.isposinf(values).any():
         raise ValueError(f"{name} contain +inf; use a finite number")
+    with np.errstate(over="ignore"):
+        if not np.isfinite(values[np.isfinite(values)].sum()):
+            raise ValueError(f"{name} are so large that their sum overflows")
 
 
 def _dense_array(values: Any) -> FloatArray:
     try:
-        array = np.asarray(values, dtype=np.float64)
-    except (ValueError, TypeError) as error:
+        array = real_array(values, "values")
+    except ValueError as error:
         raise ValueError(
             "benefits must be a (T, n, m) array of numbers with the same n and m at every step, "
             f"or a list of sparse matrices ({error})"
@@ -314,6 +325,12 @@ def _dense_array(values: Any) -> FloatArray:
     _checked_shape(array.shape)
     _check_values(array, "benefits")
     return array
+
+
+def _real_csr(value: Any, name: str) -> sp.csr_array:
+    if value.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be real numbers, got {value.dtype}")
+    return sp.csr_array(value, dtype=np.float64)
 
 
 def _canonical(matrix: sp.csr_array) -> Flat:
@@ -330,14 +347,15 @@ def _canonical(matrix: sp.csr_array) -> Flat:
 
 def _flatten(values: Sequence[Any]) -> tuple[Flat, tuple[int, int, int]]:
     parts: list[Flat] = []
-    first = values[0].shape
+    first: tuple[int, ...] = ()
     for k, value in enumerate(values):
-        if value.shape != first or len(first) != 2:
-            raise ValueError(
-                f"benefits at step {k} have shape {value.shape}, step 0 has {first}; all must be (n, m)"
-            )
-        flat = _canonical(sp.csr_array(value, dtype=np.float64))
-        _check_values(flat.data, f"benefits at step {k}")
+        name = f"benefits at step {k}"
+        matrix = value if sp.issparse(value) else real_array(value, name)
+        first = first or matrix.shape
+        if matrix.shape != first or len(first) != 2:
+            raise ValueError(f"{name} have shape {matrix.shape}, step 0 has {first}; all must be (n, m)")
+        flat = _canonical(_real_csr(matrix, name))
+        _check_values(flat.data, name)
         parts.append(flat)
     shape = _checked_shape((len(values), *first))
     starts = np.concatenate([[0], np.cumsum([len(p.data) for p in parts])])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.types import FloatArray, IntArray, real_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,6 @@ class GainMatrix:
         from sapopt.kernels.windows import window_gains
 
         csr = sp.csr_array(matrix)
-        csr.sum_duplicates()
         n, m = csr.shape
         indptr, indices = csr.indptr.astype(np.int64), csr.indices.astype(np.int32)
         data = csr.data.astype(np.float64)
@@ -81,3 +80,30 @@ class GainMatrix:
 
 
 Matrix: TypeAlias = FloatArray | GainMatrix
+
+
+def checked_matrix(matrix: Any) -> Matrix:
+    """A matrix from outside: sparse without negative entries as a GainMatrix, else as an array.
+
+    Raises
+    ------
+    ValueError
+        If it has not two axes, or holds NaN, +inf or anything but real numbers.
+    """
+    if isinstance(matrix, GainMatrix):
+        return matrix
+    is_sparse = sp.issparse(matrix)
+    if is_sparse:
+        matrix = sp.csr_array(matrix)
+    values = real_array(matrix.data if is_sparse else matrix, "matrix")
+    shape = matrix.shape if is_sparse else values.shape
+    if len(shape) != 2 or 0 in shape:
+        raise ValueError(f"matrix must have shape (n, m), got {shape}")
+    if np.isnan(values).any() or np.isposinf(values).any():
+        raise ValueError("matrix contains NaN or +inf; use -inf for a forbidden pair")
+    if not is_sparse:
+        return values
+    if len(values) == 0 or values.min() >= 0:
+        return GainMatrix.from_matrix(matrix)
+    dense: FloatArray = matrix.toarray().astype(np.float64)
+    return dense

@@ -199,7 +199,7 @@ def rollout(
     trace: list[dict[str, Any]] = []
     total = 0.0
     status = Status.FEASIBLE
-    k = 0
+    done = 0  # steps that are decided, with `state` the state after them, wherever an interruption strikes
     try:
         for k in range(problem.T):
             if run.expired:
@@ -215,18 +215,16 @@ def rollout(
             plan[k] = tasks
             gain = _step_value(problem, k, state, plan[k])
             total += gain
-            state = problem.transition(k, state, plan[k])
+            done, state = k + 1, problem.transition(k, state, plan[k])
             trace.append({"step": k, "value": gain, "total": total, "seconds": run.seconds - began})
             run.report(k + 1, problem.T, total)
-        else:
-            k = problem.T
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    if k < problem.T:
+    if done < problem.T:
         log.warning(
-            "%s ended at step %d of %d; the last assignment is kept from there", policy.name, k, problem.T
+            "%s ended at step %d of %d; the last assignment is kept from there", policy.name, done, problem.T
         )
-        _hold(problem, plan, k, state)
+        _hold(problem, plan, done, state)
     return Rollout(plan, status, trace)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Sequence
+import numbers
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from sapopt.dynamics.base import Dynamics
 from sapopt.dynamics.switching import SwitchingCost
 from sapopt.feasibility import explain_infeasible
 from sapopt.result import Evaluation, read_npz, write_npz
-from sapopt.types import FloatArray, IntArray
+from sapopt.types import FloatArray, IntArray, index_array, real_array
 
 _FORMAT = "sapopt-problem-1"
 
@@ -70,8 +71,10 @@ class SAP:
                 f"benefits: {self.n} agents cannot each have one of {self.m} tasks; "
                 "SAP.with_idle_tasks(benefits, ...) appends a zero-benefit task per agent"
             )
-        if isinstance(dynamics, (int, float)):
-            dynamics = SwitchingCost(dynamics)
+        if isinstance(dynamics, numbers.Real):
+            dynamics = SwitchingCost(float(dynamics))
+        if isinstance(dynamics, type):
+            raise ValueError(f"dynamics: pass an instance, such as {dynamics.__name__}(...), not the class")
         if not isinstance(dynamics, Dynamics):
             raise ValueError(
                 f"dynamics: {type(dynamics).__name__} needs the methods initial_state, handover and transition"
@@ -112,7 +115,7 @@ class SAP:
 
     def handover(self, k: int, state: Any) -> FloatArray:
         """Handover matrix eta(s_k), shape ``(n, m)``."""
-        eta = np.asarray(self.model.handover(k, state), dtype=np.float64)
+        eta = real_array(self.model.handover(k, state), "dynamics.handover")
         if eta.shape != (self.n, self.m):
             raise ValueError(
                 f"dynamics.handover returned shape {eta.shape} at step {k}, expected {(self.n, self.m)}"
@@ -171,10 +174,9 @@ class SAP:
 
     def check_plan(self, plan: Any) -> IntArray:
         """The plan as an int64 array, or a ValueError that says what is wrong with it."""
-        raw = np.asarray(plan)
-        if raw.shape != (self.T, self.n):
-            raise ValueError(f"plan must have shape (T, n) = {(self.T, self.n)}, got {raw.shape}")
-        tasks = _as_integers(raw, "plan")
+        tasks = index_array(plan, "plan")
+        if tasks.shape != (self.T, self.n):
+            raise ValueError(f"plan must have shape (T, n) = {(self.T, self.n)}, got {tasks.shape}")
         if tasks.min() < 0 or tasks.max() >= self.m:
             k, i = (int(x) for x in np.argwhere((tasks < 0) | (tasks >= self.m))[0])
             raise ValueError(f"plan: task {tasks[k, i]} of agent {i} at step {k} is outside 0..{self.m - 1}")
@@ -249,10 +251,9 @@ class SAP:
     def _checked_initial(self, initial: Any) -> IntArray | None:
         if initial is None:
             return None
-        raw = np.asarray(initial)
-        if raw.shape != (self.n,):
-            raise ValueError(f"initial_assignment must have shape (n,) = ({self.n},), got {raw.shape}")
-        tasks = _as_integers(raw, "initial_assignment")
+        tasks = index_array(initial, "initial_assignment")
+        if tasks.shape != (self.n,):
+            raise ValueError(f"initial_assignment must have shape (n,) = ({self.n},), got {tasks.shape}")
         if tasks.min() < 0 or tasks.max() >= self.m:
             raise ValueError(f"initial_assignment holds a task outside 0..{self.m - 1}")
         values, counts = np.unique(tasks, return_counts=True)
@@ -268,17 +269,11 @@ class SAP:
                     raise ValueError(f"benefits at step {k}: {reason}; allow more pairs or append idle tasks")
 
 
-def _as_integers(raw: np.ndarray, name: str) -> IntArray:
-    if raw.dtype.kind in "iu":
-        return raw.astype(np.int64)
-    if raw.dtype.kind == "f" and np.isfinite(raw).all() and (raw == np.round(raw)).all():
-        return raw.astype(np.int64)
-    raise ValueError(f"{name} must hold integers (indices of tasks)")
-
-
 def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, ...] | None:
     if labels is None:
         return None
+    if isinstance(labels, str) or not isinstance(labels, Iterable):
+        raise ValueError(f"{name} must be a list of {count} labels, got {labels!r}")
     out = tuple(str(x) for x in labels)
     if len(out) != count:
         raise ValueError(f"{name}: {len(out)} labels for {count} {name}")

@@ -177,6 +177,19 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be written to a file")
 
 
+# What numpy, zipfile and json raise on changed bytes; a RuntimeError for flags such as encryption or a deep nesting.
+_UNREADABLE = (
+    ValueError,
+    OSError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    SyntaxError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
 def read_npz(path: str | Path, form: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read what `write_npz` wrote; `form` is the expected format name.
 
@@ -187,8 +200,11 @@ def read_npz(path: str | Path, form: str) -> tuple[dict[str, Any], dict[str, np.
         If the file is truncated, changed, or of another format.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not isinstance(file, np.lib.npyio.NpzFile) or "meta" not in file.files:
+        opened = np.load(path, allow_pickle=False)
+        if not isinstance(opened, np.lib.npyio.NpzFile):
+            raise ValueError("it is no .npz file")
+        with opened as file:
+            if "meta" not in file.files:
                 raise ValueError("it has no sapopt header")
             arrays = {name: file[name] for name in file.files}
         meta = json.loads(str(arrays.pop("meta")))
@@ -196,7 +212,7 @@ def read_npz(path: str | Path, form: str) -> tuple[dict[str, Any], dict[str, np.
             raise ValueError("its header is not readable")
     except FileNotFoundError:
         raise
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except _UNREADABLE as error:
         raise ValueError(f"{path}: damaged or not a sapopt file ({error})") from None
     if meta.get("format") != form:
         raise ValueError(f"{path}: holds {meta.get('format', 'something else')!r}, expected {form!r}")

@@ -1,9 +1,52 @@
-"""Array types used throughout."""
+"""Array types used throughout, and how values from outside become such arrays."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+def real_array(values: Any, name: str) -> FloatArray:
+    """`values` as an array of float64, without a copy where it is one already.
+
+    numpy would read numerals and dates as numbers and drop imaginary parts and masks; here they are errors.
+
+    Raises
+    ------
+    ValueError
+        If the values are ragged, masked, or not real numbers; `name` is the argument to blame.
+    """
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} must not be masked; fill the masked entries")
+    try:
+        raw = np.asarray(values)
+        if raw.dtype.kind not in "biufO":
+            raise ValueError(f"got {raw.dtype}")
+        array: FloatArray = raw.astype(np.float64, copy=False)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers in a regular array ({error})") from None
+    return array
+
+
+def index_array(values: Any, name: str) -> IntArray:
+    """`values` as a new array of int64.
+
+    Raises
+    ------
+    ValueError
+        If the values are ragged or not whole numbers; `name` is the argument to blame.
+    """
+    try:
+        raw = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{name} must be a regular array ({error})") from None
+    whole = raw.dtype.kind in "iu" or (raw.dtype.kind == "f" and bool((raw == np.round(raw)).all()))
+    # An index beyond int64 is out of range everywhere; cast, it could wrap around into range.
+    if not whole or (raw.size and not (float(raw.min()) >= -(2**63) and float(raw.max()) < 2**63)):
+        raise ValueError(f"{name} must hold integers (indices of tasks)")
+    return raw.astype(np.int64)

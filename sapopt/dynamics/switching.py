@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from sapopt.benefits import Benefits, dense_step
-from sapopt.types import FloatArray, IntArray
+from sapopt.types import FloatArray, IntArray, real_array
 
 if TYPE_CHECKING:
     from sapopt.matrices import Matrix
@@ -45,7 +45,7 @@ class SwitchingCost:
     benefits: Benefits | None = field(default=None, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        cost = np.asarray(self.cost, dtype=np.float64)
+        cost = real_array(self.cost, "cost")
         if cost.ndim == 2 and cost.shape[0] == cost.shape[1]:
             if np.diagonal(cost).any():
                 raise ValueError(

@@ -1,7 +1,8 @@
-"""What a solver is: a policy (decides step by step, see `sapopt.outlook.Policy`) or a planner (sees the whole horizon)."""
+"""What a solver is: a policy (decides step by step, `sapopt.outlook.Policy`) or a planner (sees the whole horizon)."""
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -52,5 +53,5 @@ Solver = Policy | Planner
 
 def check_lookahead(lookahead: int, name: str = "lookahead") -> None:
     """Raise a ValueError unless `lookahead` is a whole number of at least 1."""
-    if isinstance(lookahead, bool) or int(lookahead) != lookahead or lookahead < 1:
+    if isinstance(lookahead, bool) or not isinstance(lookahead, numbers.Integral) or lookahead < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, got {lookahead!r}")

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
-from sapopt.matrices import GainMatrix, Matrix
+from sapopt.matrices import GainMatrix, Matrix, checked_matrix
 from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.types import IntArray
@@ -55,25 +54,16 @@ class AssignmentPolicy:
 
     def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
         """Assign the generated benefits."""
-        matrix = self.generator(outlook)
-        if not isinstance(matrix, GainMatrix):
-            matrix = _checked(matrix, outlook)
+        try:
+            matrix = checked_matrix(self.generator(outlook))
+        except ValueError as error:
+            raise ValueError(f"generator at step {outlook.k}: {error}") from error
+        expected = (outlook.problem.n, outlook.problem.m)
+        if matrix.shape != expected:
+            raise ValueError(
+                f"generator returned a matrix of shape {matrix.shape} at step {outlook.k}; expected {expected}"
+            )
         return outlook.assign(matrix), None
-
-
-def _checked(matrix: Any, outlook: Outlook) -> Matrix:
-    if sp.issparse(matrix):
-        if matrix.nnz == 0 or matrix.data.min() >= 0:
-            return GainMatrix.from_matrix(sp.csr_array(matrix))
-        matrix = matrix.toarray()
-    array = np.asarray(matrix, dtype=np.float64)
-    expected = (outlook.problem.n, outlook.problem.m)
-    if array.shape != expected or np.isnan(array).any() or np.isposinf(array).any():
-        raise ValueError(
-            f"generator returned a matrix of shape {array.shape} at step {outlook.k}; "
-            f"expected {expected} without NaN or +inf"
-        )
-    return array
 
 
 @dataclass(frozen=True)
