@@ -1,0 +1,19 @@
+"""Shared set-up: where tests find `strategies`, and how hypothesis runs."""
+
+import os
+import sys
+from pathlib import Path
+
+from hypothesis import HealthCheck, settings
+
+# Tests are imported by file (import mode importlib), so what they share has to be put on the path.
+sys.path.insert(0, str(Path(__file__).parent))
+
+# The same examples in every run; HYPOTHESIS_PROFILE=explore looks for new ones. No deadline: the first example compiles.
+settings.register_profile(
+    "steady", deadline=None, derandomize=True, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile(
+    "explore", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))
