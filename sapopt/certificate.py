@@ -1,10 +1,32 @@
-"""Proven upper bounds."""
+"""Proven upper bounds, and certificates that anyone can check.
+
+A certificate holds a plan, which proves a lower bound of the optimal value, and task prices, which prove an upper one:
+for any prices mu >= 0 on "at most one agent holds task j at step k",
+
+    optimum <= sum_i (value of agent i's best path under the prices) + sum_kj mu[k, j].
+
+`verify` computes both sides anew from the definitions (see `sapopt.verification`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import hashlib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from sapopt.types import FloatArray
+import numpy as np
+
+from sapopt.problem import SAP
+from sapopt.result import read_npz, write_npz
+from sapopt.types import FloatArray, IntArray
+from sapopt.verification import plain_bound, plain_value
+
+_FORMAT = "sapopt-certificate-1"
+_SLACK = 1e-9  # relative; two machines may round a sum differently, no more
+
+
+class CertificateError(ValueError):
+    """A certificate was changed, belongs to another problem, or claims more than it proves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,3 +46,144 @@ class Bound:
     value: float
     prices: FloatArray | None = field(default=None, repr=False)
     method: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What is proven about a plan.
+
+    Attributes
+    ----------
+    value : float
+        Value of the plan.
+    bound : float
+        No plan of this problem is worth more.
+    plan : ndarray of int64, shape (T, n)
+    prices : ndarray, shape (T, m)
+        Task prices mu >= 0 that prove the bound.
+    fingerprint : str
+        `SAP.fingerprint` of the problem.
+    solver : str
+        Method that found the plan.
+    """
+
+    value: float
+    bound: float
+    plan: IntArray = field(repr=False)
+    prices: FloatArray = field(repr=False)
+    fingerprint: str
+    solver: str = ""
+
+    @property
+    def gap(self) -> float:
+        """``(bound - value) / |bound|``: the plan is at most this share of the bound below the optimum."""
+        if self.bound == 0:
+            return 0.0 if self.value == 0 else float("inf")
+        return (self.bound - self.value) / abs(self.bound)
+
+    def save(self, path: str | Path) -> None:
+        """Write the certificate to an ``.npz`` file."""
+        meta = {
+            "format": _FORMAT, "value": self.value, "bound": self.bound, "fingerprint": self.fingerprint,
+            "solver": self.solver, "digest": self._digest(),
+        }  # fmt: skip
+        write_npz(path, meta, {"plan": self.plan, "prices": self.prices})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Certificate:
+        """Read a certificate, without checking what it claims (`verify` does).
+
+        Raises
+        ------
+        CertificateError
+            If the file is damaged, was changed, or holds something else.
+        """
+        try:
+            meta, arrays = read_npz(path, _FORMAT)
+            out = cls(
+                float(meta["value"]), float(meta["bound"]), arrays["plan"], arrays["prices"],
+                str(meta["fingerprint"]), str(meta["solver"]),
+            )  # fmt: skip
+            digest = meta["digest"]
+        except (KeyError, TypeError) as error:
+            raise CertificateError(f"{path}: damaged certificate file ({error})") from None
+        except ValueError as error:
+            raise CertificateError(str(error)) from None
+        if digest != out._digest():
+            raise CertificateError(f"{path}: the file was changed after it was written")
+        return out
+
+    def _digest(self) -> str:
+        digest = hashlib.sha256(
+            repr((_FORMAT, self.value, self.bound, self.fingerprint, self.solver)).encode()
+        )
+        for array in (self.plan, self.prices):
+            digest.update(repr((array.shape, array.dtype.str)).encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+
+def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") -> Certificate:
+    """Make the certificate of a plan and prices; both claims are computed from the definitions.
+
+    Parameters
+    ----------
+    problem : SAP
+    plan : ndarray of int, shape (T, n)
+    prices : ndarray, shape (T, m)
+        Finite, not negative.
+    solver : str
+        Method that found the plan.
+
+    Raises
+    ------
+    CertificateError
+        If the plan is not feasible, or the prices prove nothing.
+    """
+    try:
+        value = plain_value(problem, plan)
+        bound = plain_bound(problem, prices)
+    except ValueError as error:
+        raise CertificateError(str(error)) from None
+    plan = np.asarray(plan).astype(np.int64)
+    return Certificate(value, bound, plan, np.asarray(prices, dtype=np.float64), problem.fingerprint, solver)
+
+
+def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
+    """Check a certificate against a problem, from the definitions alone.
+
+    Value and bound are computed anew by a plain implementation that shares no code with the solvers, with the rounding
+    error of the bound on the safe side.
+
+    Parameters
+    ----------
+    certificate : Certificate or path
+    problem : SAP
+        The problem the certificate is said to be about.
+
+    Returns
+    -------
+    Certificate
+        With the recomputed value and bound, which are at least as good as the claimed ones.
+
+    Raises
+    ------
+    CertificateError
+        If the file is damaged or was changed, belongs to another problem, or claims more than it proves.
+    """
+    claim = certificate if isinstance(certificate, Certificate) else Certificate.load(certificate)
+    if claim.fingerprint != problem.fingerprint:
+        raise CertificateError(
+            "the certificate belongs to another problem: "
+            f"its fingerprint is {claim.fingerprint[:12]}..., the problem's is {problem.fingerprint[:12]}..."
+        )
+    proven = prove(problem, claim.plan, claim.prices, claim.solver)
+    slack = _SLACK * max(1.0, abs(proven.value), abs(proven.bound))
+    # `not (a <= b)` so that a claim of NaN is refused as well.
+    if not claim.value <= proven.value + slack:
+        raise CertificateError(f"the plan is worth {proven.value!r}, not the claimed {claim.value!r}")
+    if not claim.bound >= proven.bound - slack:
+        raise CertificateError(
+            f"the prices prove a bound of {proven.bound!r}, not the claimed {claim.bound!r}"
+        )
+    return replace(proven, solver=claim.solver)

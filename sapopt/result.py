@@ -200,10 +200,11 @@ def read_npz(path: str | Path, form: str) -> tuple[dict[str, Any], dict[str, np.
         If the file is truncated, changed, or of another format.
     """
     try:
-        opened = np.load(path, allow_pickle=False)
-        if not isinstance(opened, np.lib.npyio.NpzFile):
-            raise ValueError("it is no .npz file")
-        with opened as file:
+        # numpy leaves a file that it cannot read open, so the handle is ours.
+        with open(path, "rb") as handle:
+            file = np.load(handle, allow_pickle=False)
+            if not isinstance(file, np.lib.npyio.NpzFile):
+                raise ValueError("it is no .npz file")
             if "meta" not in file.files:
                 raise ValueError("it has no sapopt header")
             arrays = {name: file[name] for name in file.files}

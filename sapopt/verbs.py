@@ -1,4 +1,4 @@
-"""The verbs of the library: solve a problem, bound it."""
+"""The verbs of the library: solve a problem, bound it, certify a result."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from sapopt.assignment import best_assignment
 from sapopt.benefits import dense_step
-from sapopt.certificate import Bound
+from sapopt.certificate import Bound, Certificate, CertificateError, prove
 from sapopt.control import Callback, Run
 from sapopt.matrices import GainMatrix
 from sapopt.outlook import Forecast, Policy, rollout
@@ -61,8 +61,7 @@ def solve(
     ValueError
         If an argument does not fit the problem or the solver.
     """
-    if time_limit is not None and not time_limit > 0:
-        raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r}")
+    _check_time(time_limit)
     is_policy = isinstance(solver, Policy)
     if not is_policy and not isinstance(solver, Planner):
         raise ValueError(f"solver must be a policy or a planner such as HAAL(lookahead=3), got {solver!r}")
@@ -124,6 +123,101 @@ def _matrix(problem: SAP, k: int) -> Any:
     return GainMatrix.from_matrix(step)
 
 
-def bound(problem: SAP) -> Bound:
-    """A proven upper bound of the optimal value of this very problem."""
-    return stepwise_bound(problem)
+def bound(
+    problem: SAP,
+    *,
+    time_limit: float | None = None,
+    progress: bool = False,
+    callback: Callback | None = None,
+    prices: FloatArray | None = None,
+    seed: int = 0,
+) -> Bound:
+    """A proven upper bound of the optimal value of this very problem.
+
+    For agent-local dynamics (every `SwitchingCost`) the Lagrangian dual of the task capacities is minimised
+    (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken.
+
+    Parameters
+    ----------
+    problem : SAP
+    time_limit : float, optional
+        Seconds; the best bound so far is returned, and it is as valid as any.
+    progress : bool
+        Show progress on standard error.
+    callback : callable, optional
+        Called with a `Progress`; returning True ends the run.
+    prices : ndarray, shape (T, m), optional
+        Prices to start from, for example those of an earlier bound.
+    seed : int
+
+    Returns
+    -------
+    Bound
+
+    Raises
+    ------
+    ValueError
+        If nothing can be proven about the dynamics; the message says what it has to declare.
+    """
+    _check_time(time_limit)
+    if not hasattr(problem.model, "path_oracle"):
+        return stepwise_bound(problem)
+    from sapopt.formulations.dual import ascend
+
+    oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    with _display(progress, "bound", callback) as report:
+        run = Run(seed, time_limit, report)
+
+        def tell(iteration: int, value: float, _: FloatArray) -> bool:
+            done, total = (iteration, 0) if time_limit is None else (run.seconds, time_limit)
+            return run.report(done, total, None, value, f"iteration {iteration}")
+
+        found = ascend(oracle, prices, time_limit=time_limit, callback=tell, seed=seed)
+    return Bound(float(found.bound), found.prices, "Lagrangian dual of the task capacities")
+
+
+def certify(
+    problem: SAP,
+    result: Result,
+    *,
+    prices: FloatArray | None = None,
+    time_limit: float | None = None,
+    progress: bool = False,
+) -> Certificate:
+    """Prove how far a result is from the optimum, in a form that anyone can check with `verify`.
+
+    Parameters
+    ----------
+    problem : SAP
+    result : Result
+    prices : ndarray, shape (T, m), optional
+        Task prices that prove a bound; by default those of the result, and if it has none those of `bound`.
+    time_limit : float, optional
+        Seconds for `bound`, if it has to be computed.
+    progress : bool
+        Show progress on standard error.
+
+    Returns
+    -------
+    Certificate
+        Value and bound computed from the definitions.
+
+    Raises
+    ------
+    CertificateError
+        If the plan does not fit the problem, or the dynamics is not agent-local.
+    """
+    if prices is None:
+        prices = result.prices
+    if prices is None:
+        prices = bound(problem, time_limit=time_limit, progress=progress).prices
+    if prices is None:
+        raise CertificateError(
+            f"dynamics: {type(problem.dynamics).__name__} is not agent-local, so no prices prove a bound"
+        )
+    return prove(problem, result.plan, prices, result.solver)
+
+
+def _check_time(time_limit: float | None) -> None:
+    if time_limit is not None and not time_limit > 0:
+        raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r}")

@@ -20,7 +20,7 @@ LAYERS = (
     ("verbs", "domains", "learning", "plotting", "display"),
     ("solvers",),
     ("formulations",),
-    ("certificate", "outlook", "assignment"),
+    ("certificate", "verification", "outlook", "assignment"),
     (
         "problem",
         "dynamics",
