@@ -1,0 +1,217 @@
+# mypy: allow-untyped-defs, allow-incomplete-defs
+"""The distributed auction of one assignment problem, all agents at once.
+
+Every agent has its own table of prices and bidders, all tasks, and merges its neighbours' tables into it: of two
+entries the higher price wins, at equal prices the higher number of the bidder. Since tables only grow, it is enough to
+send the entries that changed; the agents then know what they would know from whole tables.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def best_bid(
+    agent, row_start, tasks, gains, held, held_gain, spread, price, epsilon, widest, mark, stamp
+):  # fmt: skip
+    """Task and bid of an agent under the prices it knows; task -1 if no task is open to it.
+
+    Tasks outside the row have gain zero; among them the search starts at task `spread`, so that idle agents do not all
+    bid for the same place. A gain of -inf forbids a task, a price of +inf closes it.
+    """
+    m = len(price)
+    best, second, task = -np.inf, -np.inf, -1
+    mine = -1
+    if agent < len(held):
+        mine = held[agent]
+        if mine >= 0:
+            best = held_gain[agent] - price[mine]
+            if best > -np.inf:
+                task = mine
+        for e in range(row_start[agent], row_start[agent + 1]):
+            gain = gains[e]
+            if gain <= second:
+                break
+            j = tasks[e]
+            if j == mine:
+                continue
+            net = gain - price[j]
+            if net > best:
+                second = best
+                best = net
+                task = j
+            elif net > second:
+                second = net
+    # No price is below zero, so two options at or above zero are never beaten by an unlisted task.
+    if second < 0.0:
+        if agent < len(held):
+            for e in range(row_start[agent], row_start[agent + 1]):
+                mark[tasks[e]] = stamp
+            if mine >= 0:
+                mark[mine] = stamp
+        j = spread
+        for _ in range(m):
+            if mark[j] != stamp:
+                net = -price[j]
+                if net > best:
+                    second = best
+                    best = net
+                    task = j
+                elif net > second:
+                    second = net
+                if second >= 0.0:
+                    break
+            j += 1
+            if j == m:
+                j = 0
+    if task < 0:
+        return -1, 0.0
+    raised = best - second if second > -np.inf else widest
+    bid = price[task] + raised + epsilon
+    if bid <= price[task]:  # epsilon is below the resolution of the price: the smallest step there is
+        bid = np.nextafter(price[task], np.inf)
+    return task, bid
+
+
+@njit(cache=True, nogil=True)
+def auction(
+    link_start, links, row_start, tasks, gains, held, held_gain, spread, price, bidder,
+    epsilon, widest, bidders, max_rounds,
+):  # fmt: skip
+    """Play one auction until nothing changes or the round limit is reached.
+
+    Parameters
+    ----------
+    link_start, links : arrays
+        Adjacency lists of the n agents.
+    row_start, tasks, gains, held, held_gain : arrays
+        Gains as in `sapopt.matrices.GainMatrix`.
+    spread : ndarray of int64, shape (bidders,)
+        See `best_bid`.
+    price, bidder : ndarray, shape (n, m)
+        What every agent knows; changed in place. A price of +inf closes a task to the agent.
+    epsilon, widest : float
+        Least raise of a bid; raise (before epsilon) by an agent that has only one task to choose from.
+    bidders : int
+        Bidders, at least n. Bidder n + q is a virtual one that values all tasks alike, and lives at agent q modulo n.
+    max_rounds : int
+
+    Returns
+    -------
+    mine : ndarray of int64, shape (bidders,)
+        Task on which each bidder's last bid stands, -1 if it has none.
+    entries : ndarray of int32, shape (rounds, n)
+        Changed entries that every agent sends in every round.
+    bids : ndarray of int32, shape (rounds + 1, n)
+        Bids made by every agent after round r (row 0: before the first).
+    stuck : int
+        An agent to whom no task is open, or -1.
+    """
+    n = len(link_start) - 1
+    m = price.shape[1]
+    mine = np.full(bidders, -1, np.int64)
+    news_task = np.empty((2, n, m), np.int32)
+    news_price = np.empty((2, n, m))
+    news_bidder = np.empty((2, n, m), np.int32)
+    news = np.zeros((2, n), np.int64)
+    listed_at = np.full((n, m), -1, np.int32)  # round in which an entry was last put on the news
+    mark = np.full(m, -1, np.int64)
+    stamp = 0
+    room = 64
+    entries = np.zeros((room, n), np.int32)
+    bids = np.zeros((room + 1, n), np.int32)
+    stuck = -1
+    r = 0
+    while True:
+        old, new = r & 1, 1 - (r & 1)  # round r hears list `old` and writes list `new`
+        any_news = False
+        for i in range(n):
+            count = 0
+            if r > 0:
+                for e in range(link_start[i], link_start[i + 1]):
+                    k = links[e]
+                    for q in range(news[old, k]):
+                        j = news_task[old, k, q]
+                        p = news_price[old, k, q]
+                        b = news_bidder[old, k, q]
+                        if p > price[i, j] or (p == price[i, j] and b > bidder[i, j]):
+                            price[i, j] = p
+                            bidder[i, j] = b
+                            if listed_at[i, j] != r:
+                                listed_at[i, j] = r
+                                news_task[new, i, count] = j
+                                count += 1
+            for v in range(i, bidders, n):
+                if mine[v] >= 0 and bidder[i, mine[v]] == v:
+                    continue
+                stamp += 1
+                task, bid = best_bid(
+                    v, row_start, tasks, gains, held, held_gain, spread[v], price[i],
+                    epsilon, widest, mark, stamp,
+                )  # fmt: skip
+                if task < 0:
+                    stuck = v
+                    continue
+                mine[v] = task
+                price[i, task] = bid
+                bidder[i, task] = v
+                bids[r, i] += 1
+                if listed_at[i, task] != r:
+                    listed_at[i, task] = r
+                    news_task[new, i, count] = task
+                    count += 1
+            for q in range(count):
+                j = news_task[new, i, q]
+                news_price[new, i, q] = price[i, j]
+                news_bidder[new, i, q] = bidder[i, j]
+            news[new, i] = count
+            entries[r, i] = count
+            any_news |= count > 0
+        if stuck >= 0 or not any_news or r == max_rounds:
+            break
+        r += 1
+        if r == room:
+            entries = np.concatenate((entries, np.zeros((room, n), np.int32)))
+            bids = np.concatenate((bids, np.zeros((room, n), np.int32)))
+            room *= 2
+    return mine, entries[:r].copy(), bids[: r + 1].copy(), stuck
+
+
+@njit(cache=True, nogil=True)
+def stamp_news(link_start, links, bids, rounds):
+    """Which agents hear of a later last bid in each round: these must pass it on even if no entry changed.
+
+    `bids` (R, n) tells who bid after round r; returns bool (rounds, n), row r for the packets sent in round r + 1.
+    """
+    n = len(link_start) - 1
+    out = np.zeros((rounds, n), np.bool_)
+    stamp = np.full(n, -1, np.int64)
+    before = stamp.copy()
+    for r in range(rounds):
+        before[:] = stamp
+        for i in range(n):
+            latest = stamp[i]
+            for e in range(link_start[i], link_start[i + 1]):
+                latest = max(latest, before[links[e]])
+            if r < len(bids) and bids[r, i] > 0:
+                latest = r
+            out[r, i] = latest > stamp[i]
+            stamp[i] = latest
+    return out
+
+
+@njit(cache=True, nogil=True)
+def entries_at(row_start, tasks, gains, held, held_gain, chosen):
+    """Gain of every agent's chosen task, shape ``(n,)``."""
+    out = np.zeros(len(chosen))
+    for i in range(len(chosen)):
+        if chosen[i] == held[i]:
+            out[i] = held_gain[i]
+            continue
+        for e in range(row_start[i], row_start[i + 1]):
+            if tasks[e] == chosen[i]:
+                out[i] = gains[e]
+                break
+    return out

@@ -1,0 +1,229 @@
+"""HAAL-D: handover-aware assignment with lookahead without a central node, and its centralised twin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from sapopt.assignment import best_assignment
+from sapopt.feasibility import InfeasibleError
+from sapopt.matrices import GainMatrix, Matrix
+from sapopt.outlook import Outlook
+from sapopt.problem import SAP
+from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.distributed import common
+from sapopt.solvers.distributed.auction import infeasible, run_auctions
+from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, check_options
+from sapopt.solvers.distributed.faults import Faults
+from sapopt.types import FloatArray, IntArray
+
+Interval = tuple[int, int]
+Knowledge = Literal["own", "all"]
+_TIE = 1e-12
+
+
+def interval_problems(outlook: Outlook, lookahead: int) -> dict[Interval, Matrix]:
+    """The L (L + 1) / 2 interval problems of the window, all of them entered from the current state.
+
+    Algorithm 2 enters an interval from the state that the intervals before it lead to; here the agents solve all
+    intervals at once and know only the current state.
+    """
+    stop = min(outlook.k + lookahead, outlook.end)
+    return {
+        (a, b): outlook.interval(a, b, outlook.state)
+        for a in range(outlook.k, stop)
+        for b in range(a + 1, stop + 1)
+    }
+
+
+def contributions(matrix: Matrix, tasks: IntArray) -> FloatArray:
+    """What every agent adds to the value of an assignment, shape ``(n,)``."""
+    if isinstance(matrix, GainMatrix):
+        from sapopt.solvers.distributed.auction_kernels import entries_at
+
+        rows = (matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain)
+        added: FloatArray = entries_at(*rows, tasks) + matrix.rest
+        return added
+    return np.asarray(matrix[np.arange(len(tasks)), tasks])
+
+
+def best_sequence(
+    outlook: Outlook, stop: int, solved: dict[Interval, IntArray], component: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """The best sequence of intervals of each component, played from the current state with the true handovers.
+
+    Returns
+    -------
+    cut : ndarray of int64, shape (components,)
+        End of the first interval; -1 if no sequence is feasible.
+    value : ndarray, shape (components,)
+    """
+    parts = int(component.max()) + 1
+    fingerprint: Callable[[Any], Any] | None = getattr(outlook.model, "key", None)
+    known: dict[tuple[int, Any], tuple[IntArray, FloatArray]] = {}
+
+    def best(start: int, state: Any) -> tuple[IntArray, FloatArray]:
+        if start == stop:
+            return np.full(parts, stop), np.zeros(parts)
+        key = (start, fingerprint(state)) if fingerprint is not None else None
+        if key is not None and key in known:
+            return known[key]
+        cut, top = np.full(parts, -1), np.full(parts, -np.inf)
+        for end in range(start + 1, stop + 1):
+            tasks = solved.get((start, end))
+            if tasks is None:
+                continue
+            added = np.bincount(component, contributions(outlook.interval(start, end, state), tasks), parts)
+            after = state
+            for k in range(start, end):
+                after = outlook.model.transition(k, after, tasks)
+            total = added + best(end, after)[1]
+            # Equal sequences: the shortest first interval, as in HAAL.
+            better = (total > -np.inf) & ((cut < 0) | (total > top + _TIE * np.abs(np.where(cut < 0, 0.0, top))))
+            cut, top = np.where(better, end, cut), np.where(better, total, top)
+        if key is not None:
+            known[key] = cut, top
+        return cut, top
+
+    return best(outlook.k, outlook.state)
+
+
+@dataclass(frozen=True, eq=False)
+class HAALD:
+    """Handover-aware assignment with lookahead, distributed (thesis, Algorithm 3).
+
+    At every step the agents hold one auction for each of the L (L + 1) / 2 intervals of the window, side by side in
+    shared packets, all entered from the current assignment. Then they agree on the value of every sequence of intervals
+    and execute the first assignment of the best one.
+
+    Parameters
+    ----------
+    lookahead : int
+        L >= 1; the window at step k is ``k .. min(k + L, T) - 1``.
+    epsilon : float
+        Least raise of a bid; every interval's assignment is within ``n * epsilon`` of its best.
+    graph : networkx graph, sequence of T of them, or None
+        Who hears whom, nodes ``0 .. n - 1``; None: everyone hears everyone.
+    knowledge : {"own", "all"}
+        What agents know of benefits and handovers (thesis, section 3.5). "own": their own; the values of the sequences
+        are exchanged, which takes a diameter of rounds. "all": everything, so that each evaluates the sequences itself.
+        The plans are the same.
+    allow_disconnected : bool
+        Let the parts of a disconnected graph assign the tasks they keep, see `sapopt.solvers.distributed.common`.
+    faults : Faults, optional
+    max_rounds : int
+        Rounds of a step after which a part gives up and keeps its tasks.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range; at the start of a run if the graph does not fit the problem.
+
+    References
+    ----------
+    J. Holder, MSc thesis, University of Washington, 2024, section 3.5.
+    """
+
+    lookahead: int = 3
+    epsilon: float = 0.01
+    graph: Any = None
+    knowledge: Knowledge = "own"
+    allow_disconnected: bool = False
+    faults: Faults | None = None
+    max_rounds: int = MAX_ROUNDS
+
+    def __post_init__(self) -> None:
+        check_lookahead(self.lookahead)
+        check_options(self.epsilon, self.max_rounds, self.faults)
+        if self.knowledge not in ("own", "all"):
+            raise ValueError(f"knowledge must be 'own' or 'all', got {self.knowledge!r}")
+
+    @property
+    def name(self) -> str:
+        """Name with options."""
+        return f"HAALD(L={self.lookahead}, epsilon={self.epsilon:g})"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> Memory:
+        """Check the graphs."""
+        seed = int(rng.integers(2**62))
+        return common.begin(problem, self.graph, self.allow_disconnected, self.faults, seed)
+
+    def act(self, outlook: Outlook, memory: Memory) -> tuple[IntArray, Memory]:
+        """Execute the first assignment of the best sequence of intervals."""
+        scene = common.open_step(outlook, memory, self.allow_disconnected, self.faults)
+        solved, agreed = self.solve_intervals(outlook, scene)
+        stop = max(end for _, end in solved) if agreed.any() else outlook.k + 1
+        tasks = memory.held.copy()
+        if agreed.any():
+            cut, _ = best_sequence(outlook, stop, _whole(solved, tasks), scene.component)
+            if self.knowledge == "own":
+                scene.simulator.flood(np.full(len(tasks), 8 * 2 ** (stop - outlook.k - 1)))
+            for end in np.unique(cut[scene.component[agreed]]):
+                executes = agreed & (cut[scene.component] == end)
+                tasks[executes] = solved[outlook.k, int(end)][executes]
+        return tasks, common.close_step(scene, memory, tasks, agreed)
+
+    def solve_intervals(self, outlook: Outlook, scene: Scene) -> tuple[dict[Interval, IntArray], np.ndarray]:
+        """Hold all auctions of a step.
+
+        Returns
+        -------
+        solved : dict
+            Interval -> task of every agent, -1 where its part did not agree. Intervals that forbidden pairs leave
+            without a full assignment are missing; which these are is taken to be known to the agents.
+        agreed : ndarray of bool, shape (n,)
+        """
+        problems = interval_problems(outlook, self.lookahead)
+        for interval in list(problems):
+            reason = infeasible(problems[interval], scene)
+            if reason:
+                if interval == (outlook.k, outlook.k + 1):
+                    raise InfeasibleError(f"step {outlook.k}: {reason}")
+                del problems[interval]
+        done = run_auctions(list(problems.values()), scene, self.epsilon, self.max_rounds)
+        return dict(zip(problems, done.tasks, strict=True)), done.agreed
+
+
+def _whole(solved: dict[Interval, IntArray], held: IntArray) -> dict[Interval, IntArray]:
+    """Assignments of all agents: those whose part did not agree stay where they are."""
+    return {interval: np.where(tasks < 0, held, tasks) for interval, tasks in solved.items()}
+
+
+@dataclass(frozen=True)
+class CentralHAALD:
+    """The centralised twin of `HAALD`: the same interval problems and sequences, every interval solved exactly.
+
+    Parameters
+    ----------
+    lookahead : int
+    """
+
+    lookahead: int = 3
+
+    def __post_init__(self) -> None:
+        check_lookahead(self.lookahead)
+
+    @property
+    def name(self) -> str:
+        """Name with options."""
+        return f"CentralHAALD(L={self.lookahead})"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> None:
+        """Nothing to remember."""
+        return None
+
+    def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
+        """Execute the first assignment of the best sequence of intervals."""
+        solved = {}
+        for interval, matrix in interval_problems(outlook, self.lookahead).items():
+            try:
+                solved[interval] = best_assignment(matrix, outlook.parking).tasks
+            except InfeasibleError as error:
+                if interval == (outlook.k, outlook.k + 1):
+                    raise InfeasibleError(f"step {outlook.k}: {error}") from None
+        stop = min(outlook.k + self.lookahead, outlook.end)
+        cut, _ = best_sequence(outlook, stop, solved, np.zeros(outlook.problem.n, dtype=np.int64))
+        return solved[outlook.k, int(cut[0])], None
