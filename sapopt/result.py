@@ -154,15 +154,16 @@ class Result:
                 arrays["plan"], score, Status[meta["status"]], meta["runtime"], meta["solver"], meta["bound"],
                 meta["trace"], meta["seed"], arrays.get("prices"),
             )  # fmt: skip
-        except KeyError as error:
-            raise ValueError(f"{path}: damaged result file, {error} is missing") from None
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{path}: damaged result file ({error})") from None
 
 
 def write_npz(path: str | Path, meta: dict[str, Any], arrays: dict[str, Any]) -> None:
     """Write a dictionary of plain values and some arrays as one compressed ``.npz``, all or nothing."""
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
-    text = json.dumps(meta, default=_plain)
+    # The names are listed, because a changed byte in the zip directory can make an array vanish without a trace.
+    text = json.dumps(meta | {"arrays": sorted(arrays)}, default=_plain)
     try:
         with temporary.open("wb") as file:
             np.savez_compressed(file, meta=np.array(text), **arrays)
@@ -211,6 +212,8 @@ def read_npz(path: str | Path, form: str) -> tuple[dict[str, Any], dict[str, np.
         meta = json.loads(str(arrays.pop("meta")))
         if not isinstance(meta, dict):
             raise ValueError("its header is not readable")
+        if meta.pop("arrays", None) != sorted(arrays):
+            raise ValueError("some of its arrays are missing")
     except FileNotFoundError:
         raise
     except _UNREADABLE as error:

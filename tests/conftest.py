@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, settings
 # Tests are imported by file (import mode importlib), so what they share has to be put on the path.
 sys.path.insert(0, str(Path(__file__).parent))
 
-# The same examples in every run; HYPOTHESIS_PROFILE=explore looks for new ones. No deadline: the first example compiles.
+# The same examples in every run; HYPOTHESIS_PROFILE=explore looks for new ones. No deadline: kernels are compiled on
+# the first example.
 settings.register_profile(
     "steady", deadline=None, derandomize=True, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
 )

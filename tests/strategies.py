@@ -117,7 +117,7 @@ def sizes(draw: Any, plans: int = 10**9, most: tuple[int, int, int] = (4, 4, 6))
 def instances(
     draw: Any, plans: int = 10**9, most: tuple[int, int, int] = (4, 4, 6), forbid: bool = False
 ) -> Instance:
-    """Problems with every form of the switching cost, dense or with many zeros, with or without an initial assignment."""
+    """Problems with every form of the switching cost, dense or with many zeros, with and without an initial task."""
     steps, n, m = shape = draw(sizes(plans, most))
     elements = draw(st.sampled_from([quarters, sparse_quarters]))
     benefits = draw(arrays(shape, elements))

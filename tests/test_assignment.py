@@ -38,8 +38,11 @@ def best_by_enumeration(matrix: np.ndarray) -> float:
 
 
 def documented_choice(matrix: np.ndarray, order: list[int]) -> list[int]:
-    """The plan that the module documentation promises: the lexicographically smallest best matching of positive gain (idle
-    counts as after the last task), then idle agents in ascending index on the first free task of the order."""
+    """The plan that the module documentation promises.
+
+    The lexicographically smallest best matching of positive gain (idle counts as after the last task), then the idle
+    agents in ascending index on the first free task of the order.
+    """
     n, m = matrix.shape
     options = [[j for j in range(m) if matrix[i, j] > 0] + [m] for i in range(n)]
     best: tuple[float, tuple[int, ...]] | None = None
@@ -115,7 +118,7 @@ def test_the_plan_is_the_documented_one(data: st.DataObject) -> None:
 
 @given(st.data())
 def test_any_matrix_against_enumeration(data: st.DataObject) -> None:
-    """Negative entries and forbidden pairs, dense or sparse: the value is the best of all assignments, or there is none."""
+    """Negative entries and forbidden pairs, dense or sparse: the best of all assignments, or an error if there is none."""
     n = data.draw(st.integers(1, 4))
     m = data.draw(st.integers(n, 5))
     matrix = data.draw(arrays((n, m), st.one_of(quarters, sparse_quarters, st.just(-np.inf))))
@@ -131,7 +134,7 @@ def test_any_matrix_against_enumeration(data: st.DataObject) -> None:
 
 @given(instances(most=(3, 5, 6), forbid=True), st.data())
 def test_gain_matrices_with_held_tasks(instance: Any, data: st.DataObject) -> None:
-    """Beta_hat of a sparse problem in its short form: all backends agree on the plan and with scipy on the objective."""
+    """Beta_hat of a sparse problem in its short form: all backends agree, on the objective with scipy as well."""
     problem = instance.problem("sparse")
     n, m, steps = problem.n, problem.m, problem.T
     state = data.draw(st.none() | st.permutations(range(m)).map(lambda p: np.array(p[:n])))
