@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -61,7 +62,9 @@ def solve(
     ValueError
         If an argument does not fit the problem or the solver.
     """
-    _check_time(time_limit)
+    _check_common(problem, time_limit, seed)
+    if isinstance(solver, type):
+        raise ValueError(f"solver: pass an instance, such as {solver.__name__}(...), not the class")
     is_policy = isinstance(solver, Policy)
     if not is_policy and not isinstance(solver, Planner):
         raise ValueError(f"solver must be a policy or a planner such as HAAL(lookahead=3), got {solver!r}")
@@ -159,7 +162,7 @@ def bound(
     ValueError
         If nothing can be proven about the dynamics; the message says what it has to declare.
     """
-    _check_time(time_limit)
+    _check_common(problem, time_limit, seed)
     if not hasattr(problem.model, "path_oracle"):
         return stepwise_bound(problem)
     from sapopt.formulations.dual import ascend
@@ -218,6 +221,12 @@ def certify(
     return prove(problem, result.plan, prices, result.solver)
 
 
-def _check_time(time_limit: float | None) -> None:
-    if time_limit is not None and not time_limit > 0:
+def _check_common(problem: SAP, time_limit: float | None, seed: int) -> None:
+    if not isinstance(problem, SAP):
+        raise ValueError(
+            f"problem must be a SAP, got {type(problem).__name__}; build one with SAP(benefits, cost)"
+        )
+    if time_limit is not None and not (isinstance(time_limit, numbers.Real) and time_limit > 0):
         raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r}")
+    if not isinstance(seed, numbers.Integral) or seed < 0:
+        raise ValueError(f"seed must be a whole number of at least 0, got {seed!r}")
