@@ -1,13 +1,16 @@
 """Solvers without a central node: agents that exchange packets with their neighbours in a communication graph."""
 
 from sapopt.solvers.distributed.auction import AuctionResult, DistributedAuction
+from sapopt.solvers.distributed.cbba import CBBA
 from sapopt.solvers.distributed.common import Memory
 from sapopt.solvers.distributed.faults import Cut, Faults
 from sapopt.solvers.distributed.haal_d import HAALD, CentralHAALD
 from sapopt.solvers.distributed.network import Network, Networks
+from sapopt.solvers.distributed.play import play
 from sapopt.solvers.distributed.simulator import Simulator, Traffic
 
 __all__ = [
+    "CBBA",
     "HAALD",
     "AuctionResult",
     "CentralHAALD",
@@ -19,4 +22,5 @@ __all__ = [
     "Networks",
     "Simulator",
     "Traffic",
+    "play",
 ]
