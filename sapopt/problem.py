@@ -158,8 +158,9 @@ class SAP:
         for k in range(self.T):
             eta[k] = self.handover(k, state)[agents, tasks[k]] if quick is None else quick(k, state, tasks[k])
             state = self.transition(k, state, tasks[k])
-        if not np.isfinite(held.sum() + eta.sum()):
-            k, i = (int(x) for x in np.argwhere(~np.isfinite(held + eta))[0])
+        forbidden = np.argwhere(~(np.isfinite(held) & np.isfinite(eta)))
+        if len(forbidden):
+            k, i = (int(x) for x in forbidden[0])
             raise ValueError(
                 f"plan: agent {i} may not take task {tasks[k, i]} at step {k} (the pair is forbidden)"
             )
@@ -169,7 +170,10 @@ class SAP:
             else np.vstack([self.initial_assignment, tasks[:-1]])
         )
         handovers = int((tasks[len(tasks) - len(previous) :] != previous).sum())
-        value = math.fsum(held.ravel()) + math.fsum(eta.ravel())
+        try:
+            value = math.fsum(held.ravel()) + math.fsum(eta.ravel())
+        except OverflowError:
+            raise ValueError("benefits and handovers are so large that their sum overflows") from None
         return Evaluation(value, held.sum(axis=1), eta.sum(axis=1), handovers)
 
     def check_plan(self, plan: Any) -> IntArray:

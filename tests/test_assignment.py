@@ -118,7 +118,7 @@ def test_the_plan_is_the_documented_one(data: st.DataObject) -> None:
 
 @given(st.data())
 def test_any_matrix_against_enumeration(data: st.DataObject) -> None:
-    """Negative entries and forbidden pairs, dense or sparse: the best of all assignments, or an error if there is none."""
+    """Negative entries and forbidden pairs, dense or sparse: the best of all, or an error if there is none."""
     n = data.draw(st.integers(1, 4))
     m = data.draw(st.integers(n, 5))
     matrix = data.draw(arrays((n, m), st.one_of(quarters, sparse_quarters, st.just(-np.inf))))

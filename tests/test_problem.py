@@ -1,4 +1,4 @@
-"""SAP: plans are scored by the definition, bad input is refused with a reason, and files bring back the same problem."""
+"""SAP: plans are scored by the definition, bad input is refused with a reason, files bring back the same problem."""
 
 from __future__ import annotations
 
@@ -86,6 +86,12 @@ def test_exact_sum() -> None:
     values = np.zeros((3, 1, 1))
     values[:, 0, 0] = 1e16, 1.0, -1e16
     assert SAP(values).evaluate([[0], [0], [0]]).value == 1.0
+
+
+def test_values_too_large_to_add() -> None:
+    """A cost whose sum over a plan overflows is an error, not an infinite value."""
+    with pytest.raises(ValueError, match="overflow"):
+        SAP(CUBE, 1e308).evaluate([[0, 1, 2], [2, 0, 1], [1, 2, 0], [3, 4, 1]])
 
 
 def test_initial_assignment_counts() -> None:
@@ -462,9 +468,10 @@ def test_fingerprint_tells_problems_apart() -> None:
     cost = COST.copy()
     cost[0, 1] = 2.0
     variants = [
-        SAP(CUBE, 0.5), SAP(CUBE, 0.25), SAP(nudged, 0.5), SAP(CUBE, SwitchingCost(0.5, True)), SAP(CUBE, SwitchingCost(COST)),
-        SAP(CUBE, SwitchingCost(cost)), SAP(CUBE, SwitchingCost(cost.T)), SAP(CUBE, 0.5, [0, 1, 2]), SAP(CUBE, 0.5, [1, 0, 2]),
-        SAP(CUBE[:3], 0.5), SAP(CUBE[:, :2], 0.5), SAP(CUBE[:, :, :4], 0.5), SAP(CUBE.transpose(0, 2, 1)[:, :3, :], 0.5),
+        SAP(CUBE, 0.5), SAP(CUBE, 0.25), SAP(nudged, 0.5), SAP(CUBE, SwitchingCost(0.5, True)),
+        SAP(CUBE, SwitchingCost(COST)), SAP(CUBE, SwitchingCost(cost)), SAP(CUBE, SwitchingCost(cost.T)),
+        SAP(CUBE, 0.5, [0, 1, 2]), SAP(CUBE, 0.5, [1, 0, 2]), SAP(CUBE[:3], 0.5), SAP(CUBE[:, :2], 0.5),
+        SAP(CUBE[:, :, :4], 0.5), SAP(CUBE.transpose(0, 2, 1)[:, :3, :], 0.5),
         SAP.with_idle_tasks(CUBE, 0.5), SAP(CUBE[:, ::-1], 0.5), SAP(CUBE[::-1], 0.5),
     ]  # fmt: skip
     assert len({problem.fingerprint for problem in variants}) == len(variants)

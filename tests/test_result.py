@@ -1,0 +1,140 @@
+"""Results: what is read from them, and files that bring back every field."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sapopt import SAP, Evaluation, Result, Status
+
+EVALUATION = Evaluation(1.75, np.array([1.0, 1.25]), np.array([0.0, -0.5]), 3)
+FULL = Result(
+    plan=np.array([[0, 1], [2, 0]]),
+    evaluation=EVALUATION,
+    status=Status.TIME_LIMIT,
+    runtime=0.125,
+    solver="HAAL(L=2)",
+    bound=2.0,
+    trace=[{"step": 0, "value": 1.0, "note": "a"}, {"step": 1, "value": float("inf"), "note": None}],
+    seed=7,
+    prices=np.array([[0.0, 0.5, 0.0], [0.25, 0.0, 0.0]]),
+)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equality by type and value, through dataclasses and arrays."""
+    if type(a) is not type(b):
+        return False
+    if dataclasses.is_dataclass(a):
+        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return bool(a == b)
+
+
+def test_the_full_result_has_no_default() -> None:
+    """The round trip below cannot miss a field: every one is set to something else than its default."""
+    for field in dataclasses.fields(Result):
+        value = getattr(FULL, field.name)
+        if field.default is not dataclasses.MISSING:
+            assert value is not None
+            assert not same(value, field.default), field.name
+        if field.default_factory is not dataclasses.MISSING:
+            assert not same(value, field.default_factory()), field.name
+
+
+@pytest.mark.parametrize("missing", ["nothing", "bound", "prices", "trace"])
+def test_round_trip(tmp_path: Path, missing: str) -> None:
+    """Every field comes back with its type."""
+    result = FULL
+    if missing != "nothing":
+        result = dataclasses.replace(FULL, **{missing: [] if missing == "trace" else None})
+    result.save(tmp_path / "r.npz")
+    again = Result.load(tmp_path / "r.npz")
+    for field in dataclasses.fields(Result):
+        assert same(getattr(again, field.name), getattr(result, field.name)), field.name
+
+
+@pytest.mark.parametrize("status", Status)
+def test_every_status(tmp_path: Path, status: Status) -> None:
+    """Every status is written and read, and says what it means in a sentence of its own."""
+    dataclasses.replace(FULL, status=status).save(tmp_path / "r.npz")
+    assert Result.load(tmp_path / "r.npz").status is status
+    assert status.message.endswith(".")
+    assert len({other.message for other in Status}) == len(Status)
+
+
+def test_numpy_numbers_are_written(tmp_path: Path) -> None:
+    """Solvers may leave numpy numbers in their traces."""
+    trace = [{"step": np.int64(3), "value": np.float64(0.5), "done": np.bool_(True)}]
+    dataclasses.replace(FULL, trace=trace, bound=np.float64(2.0)).save(tmp_path / "r.npz")
+    assert Result.load(tmp_path / "r.npz").trace == [{"step": 3, "value": 0.5, "done": True}]
+
+
+def test_what_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
+    """A trace that holds objects is refused before anything is written."""
+    with pytest.raises(TypeError, match="cannot be written"):
+        dataclasses.replace(FULL, trace=[{"solver": object()}]).save(tmp_path / "r.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_damaged_files(tmp_path: Path) -> None:
+    """A cut file, a problem, and a header without its parts are each a ValueError."""
+    path = tmp_path / "r.npz"
+    FULL.save(path)
+    content = path.read_bytes()
+    for length in range(0, len(content), 101):
+        path.write_bytes(content[:length])
+        with pytest.raises(ValueError, match=r"r\.npz"):
+            Result.load(path)
+    SAP(np.ones((2, 2, 2))).save(path)
+    with pytest.raises(ValueError, match="sapopt-problem-1"):
+        Result.load(path)
+    for header in ({}, {"status": "HAPPY"}, {"status": ["FEASIBLE"]}):
+        text = str({"format": "sapopt-result-1", "arrays": [], **header}).replace("'", '"')
+        np.savez(path, meta=np.array(text))
+        with pytest.raises(ValueError, match="damaged"):
+            Result.load(path)
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "gap"),
+    [
+        (None, 1.0, None), (2.0, 1.5, 0.25), (2.0, 2.0, 0.0), (-2.0, -3.0, 0.5), (4.0, -4.0, 2.0),
+        (0.0, 0.0, 0.0), (0.0, -1.0, float("inf")),
+    ],
+)  # fmt: skip
+def test_gap(bound: float | None, value: float, gap: float | None) -> None:
+    """(bound - value) / |bound|, with a bound of zero and without any."""
+    result = dataclasses.replace(FULL, bound=bound, evaluation=dataclasses.replace(EVALUATION, value=value))
+    assert result.gap == gap
+    assert "gap" not in repr(result) if gap is None else "gap" in repr(result)
+
+
+def test_with_bound_keeps_the_tighter() -> None:
+    """A bound from elsewhere replaces none or a looser one."""
+    bare = dataclasses.replace(FULL, bound=None)
+    assert bare.with_bound(3.0).bound == 3.0
+    assert FULL.with_bound(3.0).bound == 2.0
+    assert FULL.with_bound(1.9).bound == 1.9
+    assert FULL.bound == 2.0
+
+
+def test_shortcuts() -> None:
+    """Value and handovers are those of the evaluation; the text shows what matters."""
+    assert (FULL.value, FULL.handovers) == (1.75, 3)
+    for part in (
+        "HAAL(L=2)",
+        "value=1.75",
+        "bound=2",
+        "gap=12.5 %",
+        "handovers=3",
+        "time limit",
+        "T=2",
+        "n=2",
+    ):
+        assert part in repr(FULL)
