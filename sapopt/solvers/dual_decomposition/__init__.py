@@ -1,0 +1,5 @@
+"""Plans from prices: dual decomposition with large-neighbourhood search."""
+
+from sapopt.solvers.dual_decomposition.solver import DualDecomposition
+
+__all__ = ["DualDecomposition"]

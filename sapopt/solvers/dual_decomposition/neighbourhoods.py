@@ -1,0 +1,194 @@
+"""Large-neighbourhood search: windows of the plan, between fixed neighbours, solved exactly on restricted networks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+
+from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
+from sapopt.solvers.dual_decomposition.network import Network, restricted_network, solve_network
+
+_REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35)
+_SMALL_PROBLEM = 6
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Size of one round of windows.
+
+    Attributes
+    ----------
+    length : int
+        Steps of a window.
+    arcs : int
+        Size of a network: the regret shrinks, and then the agents are split into groups, until it fits.
+    parking : int
+        Random tasks that each agent may use without seeing them.
+    """
+
+    length: int
+    arcs: int
+    parking: int = 2
+
+
+def improved(
+    arrays: Arrays,
+    plan: Ints,
+    prices: Floats,
+    effort: Effort,
+    shift: int,
+    rng: np.random.Generator,
+    *,
+    threads: int = 2,
+    seconds_left: Callable[[], float] = lambda: math.inf,
+) -> Iterator[Ints]:
+    """Yield ever better plans (T, n): one after each window ``[shift + c * length, shift + (c + 1) * length)``.
+
+    Windows that touch depend on each other, so every second one is solved at a time, in parallel. The result depends on
+    ``rng`` alone unless time runs out; closing the iterator stops the search.
+    """
+    steps, length = arrays.steps, effort.length
+    edges = sorted({min(max(e, 0), steps) for e in range(shift - length, steps + length, length)})
+    windows = list(pairwise(edges))
+    seeds = rng.integers(2**63, size=len(windows))
+    with ThreadPoolExecutor(threads) as pool:
+        for turn in (0, 1):
+            base = plan
+            jobs = [
+                (
+                    window,
+                    pool.submit(_improve_window, arrays, base, prices, effort, *window, seed, seconds_left),
+                )
+                for window, seed in list(zip(windows, seeds, strict=True))[turn::2]
+            ]
+            try:
+                for (first, last), job in jobs:
+                    window_plan = job.result()
+                    plan = plan.copy()
+                    plan[first:last] = window_plan[first:last]
+                    yield plan
+            finally:
+                for _, job in jobs:
+                    job.cancel()
+
+
+def _improve_window(
+    arrays: Arrays,
+    plan: Ints,
+    prices: Floats,
+    effort: Effort,
+    first: int,
+    last: int,
+    seed: int,
+    seconds_left: Callable[[], float],
+) -> Ints:
+    rng = np.random.default_rng(seed)
+    everyone = np.arange(arrays.agents)
+    parking = _parking(arrays, plan, first, last, effort.parking, rng)
+    scale = _scale(arrays, first, last)
+    network = _fitting(arrays, plan, prices, everyone, first, last, scale, parking, effort.arcs)
+    if len(network.tail) <= effort.arcs:
+        groups = [everyone]
+    else:
+        size = max(2, int(arrays.agents * effort.arcs / len(network.tail)))
+        groups = _groups(network, arrays.agents, arrays.tasks, size, rng)
+    value = arrays.value(plan)
+    for group in groups:
+        if seconds_left() <= 0:
+            break
+        if len(groups) > 1:
+            network = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
+        found = solve_network(network, plan, arrays.tasks, seconds=max(seconds_left(), 0.01))
+        if found is not None:
+            found_value = arrays.value(found)
+            if found_value >= value:
+                plan, value = found, found_value
+    return plan
+
+
+def _scale(arrays: Arrays, first: int, last: int) -> float:
+    """Return the typical benefit of the window, the unit of regrets."""
+    data = arrays.data[arrays.indptr[first * arrays.agents] : arrays.indptr[last * arrays.agents]]
+    data = data[np.isfinite(data)]
+    typical = float(np.abs(data).mean()) if len(data) else 0.0
+    return typical if typical > 0.0 else 1.0
+
+
+def _parking(arrays: Arrays, plan: Ints, first: int, last: int, count: int, rng: np.random.Generator) -> Ints:
+    """Draw tasks for every agent to wait on, (n, count): spare ones if there are any."""
+    if arrays.tasks <= _SMALL_PROBLEM:
+        return np.tile(np.arange(arrays.tasks), (arrays.agents, 1))
+    spare = np.setdiff1d(np.arange(arrays.tasks), plan[first:last])
+    tasks = spare if len(spare) else np.arange(arrays.tasks)
+    return rng.choice(tasks, size=(arrays.agents, count))
+
+
+def _fitting(
+    arrays: Arrays,
+    plan: Ints,
+    prices: Floats,
+    agents: Ints,
+    first: int,
+    last: int,
+    scale: float,
+    parking: Ints,
+    arcs: int,
+) -> Network:
+    """Return the network with the largest regret of the ladder that has at most ``arcs`` arcs, or else the smallest."""
+    everything = arrays.tasks <= _SMALL_PROBLEM and len(agents) * (last - first) * arrays.tasks**2 <= arcs
+    ladder = (math.inf,) if everything else _REGRETS
+    for regret in ladder[:-1]:
+        network = restricted_network(arrays, plan, prices, agents, first, last, regret * scale, parking, arcs)
+        if len(network.tail) <= arcs:
+            return network
+    return restricted_network(arrays, plan, prices, agents, first, last, ladder[-1] * scale, parking)
+
+
+def _groups(network: Network, agents: int, tasks: int, size: int, rng: np.random.Generator) -> list[Ints]:
+    """Split the agents into groups of about ``size`` whose members compete for the same cells."""
+    cell = network.step * tasks + network.task
+    order = np.argsort(cell, kind="stable")
+    _, start = np.unique(cell[order], return_index=True)
+    cell_start = np.append(start, len(cell))
+    place = np.empty(len(cell), np.int64)  # number of the distinct cell at every entry
+    place[order] = np.repeat(np.arange(len(start)), np.diff(cell_start))
+    agent_start = np.searchsorted(network.agent, np.arange(agents + 1))
+    label = _grow(cell_start, network.agent[order], agent_start, place, size, rng.permutation(agents))
+    return [np.flatnonzero(label == g) for g in range(label.max() + 1)]
+
+
+@njit(cache=True, nogil=True)
+def _grow(cell_start, cell_agents, agent_start, agent_cells, size, order):  # type: ignore[no-untyped-def]
+    """Label agents by breadth-first search over shared cells; a group is closed when it has ``size`` members."""
+    n = len(order)
+    label = -np.ones(n, np.int64)
+    queue = np.empty(n, np.int64)
+    group = members = 0
+    for root in order:
+        if label[root] >= 0:
+            continue
+        queue[0], head, tail = root, 0, 1
+        label[root] = group
+        members += 1
+        while head < tail and members < size:
+            i = queue[head]
+            head += 1
+            for q in range(agent_start[i], agent_start[i + 1]):
+                c = agent_cells[q]
+                for p in range(cell_start[c], cell_start[c + 1]):
+                    other = cell_agents[p]
+                    if label[other] < 0 and members < size:
+                        label[other] = group
+                        members += 1
+                        queue[tail] = other
+                        tail += 1
+        if members >= size:
+            group += 1
+            members = 0
+    return label

@@ -1,0 +1,304 @@
+"""The part of the time-expanded network that near-optimal plans use, solved exactly.
+
+Good prices tell for every agent how much is lost, at least, when its path runs through a cell or along an arc (its
+*regret*: best path minus best path through it). Few cells have a small regret. The network of these cells, together
+with those of the incumbent, is a multi-commodity flow that HiGHS solves to optimality; since the Lagrangian bound and
+the relaxation of this flow agree, it is nearly integral.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csc_array
+
+from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, lookup, move_cost
+
+
+@njit(cache=True, nogil=True)
+def _candidates(kernel, i, plan, prices, first, last, parking, local, tasks):  # type: ignore[no-untyped-def]
+    """Collect in ``tasks`` those that agent i may use: those it sees or holds in the window and ``parking``; return how many.
+
+    ``local`` (m,) maps a task to its place in ``tasks`` (-1: absent) and must come in as -1 everywhere.
+    """
+    indptr, indices, n = kernel[0], kernel[1], kernel[3]
+    count = 0
+    for k in range(first, last):
+        j = plan[k, i]
+        if local[j] < 0:
+            local[j], tasks[count] = count, j
+            count += 1
+        for q in range(indptr[k * n + i], indptr[k * n + i + 1]):
+            j = indices[q]
+            if local[j] < 0:
+                local[j], tasks[count] = count, j
+                count += 1
+    for j in parking:
+        if local[j] < 0:
+            local[j], tasks[count] = count, j
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def marginals(kernel, i, prices, first, last, before, after, local, tasks, benefit, forward, backward):  # type: ignore[no-untyped-def]
+    """Fill forward[k - first, c] with the best priced path that ends on tasks[c] at step k, backward with what follows.
+
+    ``benefit`` (length, len(tasks)) is filled with the agent's benefits. All work on the candidate ``tasks`` alone.
+    """
+    indptr, indices, data, n, cost, matrix, idle_is_free = kernel
+    m = len(tasks)
+    by_pair = matrix.shape[0] > 0
+    for k in range(first, last):
+        row = benefit[k - first]
+        row[:m] = 0.0
+        for q in range(indptr[k * n + i], indptr[k * n + i + 1]):
+            if local[indices[q]] >= 0:
+                row[local[indices[q]]] = data[q]
+        now = forward[k - first]
+        if k == first:
+            for c in range(m):
+                now[c] = row[c] - prices[k, tasks[c]] - move_cost(kernel, before, tasks[c], row[c])
+            continue
+        old = forward[k - first - 1]
+        best = -np.inf
+        for c in range(m):
+            best = max(best, old[c])
+        for c in range(m):
+            if by_pair:
+                now[c] = -np.inf
+                for a in range(m):
+                    now[c] = max(now[c], old[a] - move_cost(kernel, tasks[a], tasks[c], row[c]))
+            else:
+                now[c] = max(old[c], best - cost if row[c] > 0.0 or not idle_is_free else best)
+            now[c] += row[c] - prices[k, tasks[c]]
+    end = lookup(kernel, last, i, after) if after >= 0 else 0.0
+    for c in range(m):
+        backward[last - 1 - first, c] = -move_cost(kernel, tasks[c], after, end) if after >= 0 else 0.0
+    for k in range(last - 2, first - 1, -1):
+        row, now, later = benefit[k + 1 - first], backward[k - first], backward[k + 1 - first]
+        best = -np.inf
+        for c in range(m):
+            now[c] = later[c] + row[c] - prices[k + 1, tasks[c]]
+            best = max(best, now[c] - cost if row[c] > 0.0 or not idle_is_free else now[c])
+        if by_pair:
+            for a in range(m):
+                now[a] = -np.inf
+                for c in range(m):
+                    gain = later[c] + row[c] - prices[k + 1, tasks[c]]
+                    now[a] = max(now[a], gain - move_cost(kernel, tasks[a], tasks[c], row[c]))
+        else:
+            for c in range(m):
+                now[c] = max(now[c], best)
+
+
+@njit(cache=True, nogil=True)
+def _grown(array):  # type: ignore[no-untyped-def]
+    bigger = np.empty(2 * len(array), array.dtype)
+    bigger[: len(array)] = array
+    return bigger
+
+
+@njit(cache=True, nogil=True)
+def near_optimal(kernel, agents, plan, prices, initial, first, last, regret, parking, limit):  # type: ignore[no-untyped-def]
+    """Return the cells and arcs of regret at most ``regret`` and those of ``plan``.
+
+    Cells are listed agent by agent and step by step: (agent, step, task); arcs: (tail, head, value), where a tail of -1
+    is the start of an agent's path. ``parking`` (len(agents), r) lists tasks that an agent may use without seeing them.
+    A price of +inf closes a cell. The lists end early once there are more than ``limit`` arcs.
+    """
+    steps, m = prices.shape
+    length = last - first
+    forward, backward, benefit = np.zeros((length, m)), np.zeros((length, m)), np.zeros((length, m))
+    local, tasks = -np.ones(m, np.int64), np.zeros(m, np.int64)
+    c_agent, c_step, c_task = np.empty(1024, np.int64), np.empty(1024, np.int64), np.empty(1024, np.int64)
+    a_tail, a_head, a_value = np.empty(1024, np.int64), np.empty(1024, np.int64), np.empty(1024)
+    cells = arcs = 0
+    for order in range(len(agents)):
+        if arcs > limit:
+            break
+        i = agents[order]
+        before = initial[i] if first == 0 else plan[first - 1, i]
+        after = plan[last, i] if last < steps else -1
+        count = _candidates(kernel, i, plan, prices, first, last, parking[order], local, tasks)
+        own = tasks[:count]
+        marginals(kernel, i, prices, first, last, before, after, local, own, benefit, forward, backward)
+        best = -np.inf
+        for c in range(count):
+            best = max(best, forward[0, c] + backward[0, c])
+        floor = max(best - regret, -1e300)  # never a forbidden cell
+        old_from = old_to = cells
+        for k in range(first, last):
+            new_from = cells
+            held = local[plan[k, i]]
+            held_before = local[plan[k - 1, i]] if k > first else -1
+            for c in range(count):
+                if not forward[k - first, c] + backward[k - first, c] >= floor and held != c:
+                    continue
+                if cells == len(c_agent):
+                    c_agent, c_step, c_task = _grown(c_agent), _grown(c_step), _grown(c_task)
+                c_agent[cells], c_step[cells], c_task[cells] = i, k, c
+                value = benefit[k - first, c]
+                enter = value - prices[k, own[c]] + backward[k - first, c]
+                end = backward[k - first, c] if k == last - 1 else 0.0
+                for u in range(old_from, max(old_to, old_from + 1)):
+                    if arcs == len(a_tail):
+                        a_tail, a_head, a_value = _grown(a_tail), _grown(a_head), _grown(a_value)
+                    if k == first:
+                        a_tail[arcs] = -1
+                        step = move_cost(kernel, before, own[c], value)
+                    else:
+                        a = c_task[u]
+                        step = move_cost(kernel, own[a], own[c], value)
+                        planned = held_before == a and held == c
+                        if not forward[k - first - 1, a] - step + enter >= floor and not planned:
+                            continue
+                        a_tail[arcs] = u
+                    a_head[arcs] = cells
+                    a_value[arcs] = value - step + end
+                    arcs += 1
+                cells += 1
+            for u in range(old_from, old_to):
+                c_task[u] = own[c_task[u]]
+            old_from, old_to = new_from, cells
+        for u in range(old_from, old_to):
+            c_task[u] = own[c_task[u]]
+        for c in range(count):
+            local[own[c]] = -1
+    return (c_agent[:cells], c_step[:cells], c_task[:cells], a_tail[:arcs], a_head[:arcs], a_value[:arcs])
+
+
+@dataclass(frozen=True)
+class Network:
+    """Cells and arcs of a window as a packing of agents' paths (see `near_optimal`)."""
+
+    agent: Ints
+    step: Ints
+    task: Ints
+    tail: Ints
+    head: Ints
+    value: Floats
+
+
+def restricted_network(
+    arrays: Arrays,
+    plan: Ints,
+    prices: Floats,
+    agents: Ints,
+    first: int,
+    last: int,
+    regret: float,
+    parking: Ints,
+    limit: int = 2**62,
+) -> Network:
+    """Return the network of the cells of small regret for ``agents`` in the window; the other agents keep their cells.
+
+    Parameters
+    ----------
+    plan : (T, n)
+        The incumbent; its cells and arcs are always part of the network.
+    prices : (T, m)
+        Prices of the cells.
+    regret : float
+        Loss against the best priced path up to which a cell or an arc is kept.
+    parking : (len(agents), r)
+        Tasks that an agent may use although it neither sees nor holds them.
+    limit : int
+        The network is left incomplete once it has more arcs than this.
+    """
+    if len(agents) < arrays.agents:
+        prices = prices.copy()
+        others = np.setdiff1d(np.arange(arrays.agents), agents)
+        window = np.arange(first, last)
+        prices[window[:, None], plan[first:last, others]] = np.inf
+    return Network(
+        *near_optimal(
+            arrays.kernel, agents, plan, prices, arrays.initial, first, last, regret, parking, limit
+        )
+    )
+
+
+def solve_network(
+    network: Network,
+    plan: Ints,
+    tasks: int,
+    *,
+    gap: float = 1e-6,
+    seconds: float = np.inf,
+    relax: bool = False,
+) -> Ints | None:
+    """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none."""
+    import highspy
+
+    arcs = len(network.tail)
+    starts = network.tail < 0
+    rows, contested = _capacity_rows(network, tasks)
+    # Row layout: one start per agent, conservation per cell (out = in) that is not in the last step, capacity.
+    order, agent_row = np.unique(network.agent, return_inverse=True)
+    inner = network.step < network.step.max()
+    inner_row = np.cumsum(inner) - 1 + len(order)
+    n_rows = len(order) + int(inner.sum()) + contested
+    entry = np.arange(arcs)
+    into = inner[network.head]
+    used = rows[network.head] >= 0
+    row = np.concatenate(
+        [
+            agent_row[network.head[starts]],
+            inner_row[network.head[into]],
+            inner_row[network.tail[~starts]],
+            len(order) + int(inner.sum()) + rows[network.head[used]],
+        ]
+    )
+    column = np.concatenate([entry[starts], entry[into], entry[~starts], entry[used]])
+    data = np.concatenate(
+        [np.ones(starts.sum()), np.ones(into.sum()), -np.ones((~starts).sum()), np.ones(used.sum())]
+    )
+    matrix = csc_array((data, (row, column)), shape=(n_rows, arcs))
+    lower = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.full(contested, -np.inf)])
+    upper = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.ones(contested)])
+
+    model = highspy.HighsLp()
+    model.num_col_, model.num_row_ = arcs, n_rows
+    model.sense_ = highspy.ObjSense.kMaximize
+    model.col_cost_ = network.value
+    model.col_lower_, model.col_upper_ = np.zeros(arcs), np.ones(arcs)
+    model.row_lower_, model.row_upper_ = lower, upper
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
+    model.a_matrix_.value_ = matrix.data
+    if not relax:
+        model.integrality_ = [highspy.HighsVarType.kInteger] * arcs
+    highs = highspy.Highs()
+    highs.setOptionValue("output_flag", False)
+    highs.setOptionValue("threads", 1)
+    highs.setOptionValue("mip_rel_gap", gap)
+    if np.isfinite(seconds):
+        highs.setOptionValue("time_limit", float(seconds))
+    highs.passModel(model)
+    if not relax:
+        incumbent = highspy.HighsSolution()
+        held = plan[network.step, network.agent] == network.task
+        chosen = held[network.head] & (starts | held[np.maximum(network.tail, 0)])
+        incumbent.col_value = chosen.astype(float)
+        highs.setSolution(incumbent)
+    highs.run()
+    solution = np.array(highs.getSolution().col_value)
+    if len(solution) != arcs:
+        return None
+    if relax:
+        return solution
+    on = network.head[solution > 0.5]
+    if len(on) != len(np.unique(network.step)) * len(order):
+        return None
+    better = plan.copy()
+    better[network.step[on], network.agent[on]] = network.task[on]
+    return better
+
+
+def _capacity_rows(network: Network, tasks: int) -> tuple[Ints, int]:
+    """Number the cells (step, task) that more than one agent may use; -1 for the others."""
+    _, place, count = np.unique(network.step * tasks + network.task, return_inverse=True, return_counts=True)
+    number = np.where(count > 1, np.cumsum(count > 1) - 1, -1)
+    return number[place], int((count > 1).sum())

@@ -1,0 +1,233 @@
+"""The planner `DualDecomposition`: prices from the dual, plans from prices, and a proven gap between the two."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from sapopt.control import Run
+from sapopt.formulations.dual import ascend
+from sapopt.outlook import rollout
+from sapopt.problem import SAP
+from sapopt.result import Status
+from sapopt.solvers.base import Outcome
+from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
+from sapopt.solvers.dual_decomposition.neighbourhoods import Effort, improved
+from sapopt.solvers.dual_decomposition.rolling import rolling_plan
+from sapopt.solvers.dual_decomposition.sweeps import sweep
+from sapopt.solvers.haal import HAA
+
+log = logging.getLogger(__name__)
+
+_EFFORTS = (Effort(6, 8_000), Effort(8, 12_000), Effort(12, 16_000), Effort(16, 20_000), Effort(20, 24_000))
+"""Windows of the successive rounds, from small ones that go fast to large ones; the last one is repeated."""
+
+_DUAL_SHARE = 0.35
+"""Share of a time limit after which the first ascent yields to the search for plans."""
+
+
+@dataclass(frozen=True)
+class DualDecomposition:
+    """Near-optimal plans for the whole horizon, with a proven bound.
+
+    The prices of the task capacities are ascended until the Lagrangian bound settles. They turn into plans by a rolling
+    assignment with priced futures and by sweeps in which one agent after another takes its best priced path; windows
+    of the best plan are then solved exactly, as network flows restricted to cells whose prices show that a near-optimal
+    plan may use them.
+
+    Parameters
+    ----------
+    iterations : int
+        Most dual iterations.
+    rounds : int
+        Most rounds of windows.
+    sweeps : int
+        Priced path sweeps (none where every task is always taken).
+    tolerance : float
+        The run ends when the proven gap is at most this.
+    threads : int
+        Windows solved at the same time.
+
+    Notes
+    -----
+    Without a time limit the result depends on the seed alone. A warm start is never made worse.
+    """
+
+    iterations: int = 3000
+    rounds: int = 12
+    sweeps: int = 60
+    tolerance: float = 1e-5
+    threads: int = 2
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "threads"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")
+        for name in ("rounds", "sweeps", "tolerance"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
+
+    @property
+    def name(self) -> str:
+        """Name, for tables."""
+        return "dual decomposition"
+
+    def plan(self, problem: SAP, run: Run) -> Outcome:
+        """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
+        arrays = Arrays.of(problem)
+        start = (
+            rollout(problem, HAA(), Run(run.seed, run.time_limit)).plan if run.start is None else run.start
+        )
+        search = _Search(self, problem, arrays, run, start)
+        status = Status.FEASIBLE
+        try:
+            for _ in search.steps():
+                if search.gap <= self.tolerance or run.expired:
+                    break
+        except KeyboardInterrupt:
+            status = Status.INTERRUPTED
+        if search.gap <= self.tolerance:
+            status = Status.OPTIMAL
+        elif run.stopped:
+            status = Status.INTERRUPTED
+        elif run.expired:
+            status = Status.TIME_LIMIT
+        bound = float(search.bound) if math.isfinite(search.bound) else None
+        return Outcome(search.best, status, bound, search.prices, search.trace)
+
+
+@dataclass
+class _Search:
+    """State of one run."""
+
+    options: DualDecomposition
+    problem: SAP
+    arrays: Arrays
+    run: Run
+    best: Ints
+    value: float = -math.inf
+    bound: float = math.inf
+    prices: Floats | None = None
+    settled: bool = False  # whether the ascent ended by itself
+    iterations: int = 0
+    trace: list[dict[str, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.value = self.problem.evaluate(self.best).value
+
+    @property
+    def gap(self) -> float:
+        if not math.isfinite(self.bound):
+            return math.inf
+        return max(self.bound - self.value, 0.0) / max(abs(self.bound), 1e-9)
+
+    def steps(self) -> Iterator[None]:
+        """Work on; a caller may stop at every yield."""
+        limit = self.run.time_limit
+        self.ascend(math.inf if limit is None else _DUAL_SHARE * limit)
+        yield
+        self.first_plans()
+        yield
+        rng = self.run.rng
+        quiet = 0
+        for turn in range(self.options.rounds):
+            assert self.prices is not None
+            began, before = self.run.seconds, self.value
+            effort = _EFFORTS[min(turn // 2, len(_EFFORTS) - 1)]
+            shift = 0 if turn % 2 == 0 else effort.length // 2
+            search = improved(
+                self.arrays, self.best, self.prices, effort, shift, rng,
+                threads=self.options.threads, seconds_left=self.seconds_left,
+            )  # fmt: skip
+            for plan in search:
+                self.offer(plan, f"windows of {effort.length} steps")
+                yield
+            if not self.settled:
+                self.ascend(self.run.seconds - began)
+                yield
+            quiet = quiet + 1 if self.value <= before + 1e-6 * abs(before) else 0
+            if quiet >= 4 and self.settled:
+                break
+
+    def seconds_left(self) -> float:
+        return 0.0 if self.run.stopped else self.run.seconds_left
+
+    def ascend(self, seconds: float) -> None:
+        """Improve the prices for some time."""
+        if self.settled:
+            return
+        oracle = self.problem.model.path_oracle(self.problem.benefits, self.problem.initial_state())
+        count = 0
+
+        def tell(iteration: int, bound: float, prices: Floats) -> bool:
+            nonlocal count
+            count = iteration + 1
+            if bound < self.bound:
+                self.bound, self.prices = bound, prices
+            if iteration % 20 == 0:
+                self.record("prices")
+            return self.report("prices")
+
+        allowed = self.options.iterations - self.iterations
+        found = ascend(
+            oracle,
+            self.prices,
+            time_limit=None if math.isinf(seconds) else min(seconds, self.seconds_left()),
+            max_iterations=allowed,
+            target=self.value,
+            tolerance=self.options.tolerance,
+            callback=tell,
+            seed=self.run.seed,
+        )
+        self.iterations += count
+        self.settled = math.isinf(seconds) or self.iterations >= self.options.iterations
+        if found.bound <= self.bound:
+            self.bound, self.prices = float(found.bound), found.prices
+        self.record("prices")
+
+    def first_plans(self) -> None:
+        """Build plans from the prices alone."""
+        assert self.prices is not None
+        plan = rolling_plan(self.arrays, self.prices, lambda: self.report("rolling assignment"))
+        if plan is not None:
+            self.offer(plan, "rolling assignment")
+        if self.arrays.agents == self.arrays.tasks:
+            return
+        plan = self.best
+        count = self.options.sweeps
+        for q in range(count):
+            plan = sweep(
+                self.arrays,
+                plan,
+                self.prices * (1.0 - q / max(count - 1, 1)),
+                self.run.rng,
+                self.seconds_left,
+            )
+            self.offer(plan, "path sweeps")
+            if self.report("path sweeps"):
+                break
+
+    def offer(self, plan: Ints, phase: str) -> None:
+        """Keep a plan if it is the best."""
+        if self.arrays.value(plan) > self.value + 1e-9:
+            value = self.problem.evaluate(plan).value
+            if value > self.value:
+                self.best, self.value = plan.copy(), value
+                self.record(phase)
+        self.report(phase)
+
+    def record(self, phase: str) -> None:
+        bound = self.bound if math.isfinite(self.bound) else None
+        gap = self.gap if bound is not None else None
+        self.trace.append(
+            {"seconds": self.run.seconds, "phase": phase, "value": self.value, "bound": bound, "gap": gap}
+        )
+
+    def report(self, phase: str) -> bool:
+        limit = self.run.time_limit
+        done, total = (self.iterations, 0) if limit is None else (self.run.seconds, limit)
+        bound = self.bound if math.isfinite(self.bound) else None
+        return self.run.report(done, total, self.value, bound, phase)

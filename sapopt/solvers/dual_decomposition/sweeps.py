@@ -1,0 +1,153 @@
+"""Priced path sweeps: agents one after another take their best path among the cells that are left.
+
+A *cell* is a task at a step. The sweep keeps one array of cell prices in which a taken cell costs +inf, so that the
+path of an agent over the free cells is an ordinary longest path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, move_cost
+
+_CLOSED = -1e299
+
+_CELLS_AT_ONCE = 10**8
+"""Path cells between two looks at the clock, some tenths of a second."""
+
+
+@njit(cache=True)
+def best_path(kernel, i, prices, first, last, before, after, work, path):  # type: ignore[no-untyped-def]
+    """Write agent i's best path over the steps first..last-1 into path[first:last] and return its priced value.
+
+    ``before`` is the task held before the first step and ``after`` the one that follows the last (-1: none).
+    A price of +inf closes a cell; the value is -inf when no path is open. ``work`` comes from `workspace`.
+    """
+    indptr, indices, data, n, cost, matrix, idle_is_free = kernel
+    row, values, old, origin, best_task = work
+    m = prices.shape[1]
+    by_pair = matrix.shape[0] > 0
+    for k in range(first, last):
+        lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
+        for q in range(lo, hi):
+            row[indices[q]] = data[q]
+        if k == first:
+            for j in range(m):
+                values[j] = row[j] - prices[k, j] - move_cost(kernel, before, j, row[j])
+        elif by_pair:
+            old[:] = values
+            for j in range(m):
+                charged = row[j] > 0.0 or not idle_is_free
+                values[j] = -np.inf
+                for a in range(m):
+                    new = old[a] - matrix[a, j] if charged else old[a]
+                    if new > values[j] or (new == values[j] and a == j):
+                        values[j] = new
+                        origin[k, j] = a
+                values[j] += row[j] - prices[k, j]
+        else:
+            task = 0
+            for j in range(m):
+                if values[j] > values[task]:
+                    task = j
+            best_task[k] = task
+            best = values[task]
+            for j in range(m):
+                switch = best - cost if row[j] > 0.0 or not idle_is_free else best
+                stay = values[j] >= switch
+                origin[k, j] = 0 if stay else 1
+                values[j] = (values[j] if stay else switch) + row[j] - prices[k, j]
+        for q in range(lo, hi):
+            row[indices[q]] = 0.0
+    end_benefit = 0.0
+    if after >= 0 and idle_is_free:
+        for q in range(indptr[last * n + i], indptr[last * n + i + 1]):
+            if indices[q] == after:
+                end_benefit = data[q]
+    task = 0
+    for j in range(m):
+        if after >= 0:
+            values[j] -= move_cost(kernel, j, after, end_benefit)
+        if values[j] > values[task]:
+            task = j
+    result = values[task]
+    for k in range(last - 1, first - 1, -1):
+        path[k] = task
+        if k > first:
+            if by_pair:
+                task = origin[k, task]
+            elif origin[k, task] == 1:
+                task = best_task[k]
+    return result
+
+
+@njit(cache=True)
+def workspace(steps, tasks):  # type: ignore[no-untyped-def]
+    """Return the scratch arrays of `best_path`."""
+    return (
+        np.zeros(tasks),
+        np.zeros(tasks),
+        np.zeros(tasks),
+        np.zeros((steps, tasks), np.int16),
+        np.zeros(steps, np.int64),
+    )
+
+
+@njit(cache=True)
+def place(kernel, initial, order, prices, open_prices, plan, held):  # type: ignore[no-untyped-def]
+    """Let the agents of ``order`` re-plan one by one: each frees its cells (if ``held``) and takes its best open path.
+
+    ``prices`` (T, m) has +inf at taken cells and is kept so; ``open_prices`` are the prices of free cells.
+    Returns False when an agent found no open path (its cells stay free and its column of the plan is stale).
+    """
+    steps, m = prices.shape
+    work = workspace(steps, m)
+    path = np.zeros(steps, np.int64)
+    for i in order:
+        if held:
+            for k in range(steps):
+                prices[k, plan[k, i]] = open_prices[k, plan[k, i]]
+        if best_path(kernel, i, prices, 0, steps, initial[i], -1, work, path) < _CLOSED:
+            return False
+        for k in range(steps):
+            plan[k, i] = path[k]
+            prices[k, path[k]] = np.inf
+    return True
+
+
+def closed_prices(prices: Floats, plan: Ints) -> Floats:
+    """Return ``prices`` (T, m) with +inf at the cells which ``plan`` (T, n) holds."""
+    closed = prices.copy()
+    closed[np.arange(len(plan))[:, None], plan] = np.inf
+    return closed
+
+
+def plan_from_prices(arrays: Arrays, prices: Floats, rng: np.random.Generator) -> Ints | None:
+    """Return a plan (T, n) in which agents, in random order, take their best path; None when one finds none open."""
+    plan = np.zeros((arrays.steps, arrays.agents), np.int64)
+    order = rng.permutation(arrays.agents)
+    if place(arrays.kernel, arrays.initial, order, prices.copy(), prices, plan, False):
+        return plan
+    return None
+
+
+def sweep(
+    arrays: Arrays,
+    plan: Ints,
+    prices: Floats,
+    rng: np.random.Generator,
+    seconds_left: Callable[[], float] = lambda: math.inf,
+) -> Ints:
+    """Return the plan (T, n) after the agents, in random order, moved to their best paths under ``prices`` (T, m)."""
+    moved = plan.copy()
+    order = rng.permutation(arrays.agents)
+    closed = closed_prices(prices, plan)
+    for part in np.array_split(order, 1 + arrays.steps * arrays.agents * arrays.tasks // _CELLS_AT_ONCE):
+        if seconds_left() <= 0:
+            break
+        place(arrays.kernel, arrays.initial, part, closed, prices, moved, True)
+    return moved
