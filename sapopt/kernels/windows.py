@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+_INSERT = 64  # longest row that is sorted by insertion
+
 
 @njit(cache=True, nogil=True)
 def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
@@ -58,9 +60,59 @@ def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
 
 
 @njit(cache=True, nogil=True)
+def longer_window(row_start, tasks, gains, indptr, indices, data, total, seen, entry_cost, out_start, out_tasks, out_gains):
+    """Add one more step at the end of a window: the rows of `window_gains`, from those of a window one step shorter.
+
+    Parameters
+    ----------
+    row_start, tasks, gains : arrays
+        The shorter window; without rows (``row_start`` of zeros) the result is the step alone.
+    indptr, indices, data : arrays
+        CSR rows of the step.
+    total, seen : ndarray of float64 and int64, shape (m,)
+        Work arrays; `seen` holds zeros.
+    entry_cost : float
+        See `window_gains`; of use only where the step is the first of the window.
+    out_start, out_tasks, out_gains : arrays
+        The result.
+
+    Returns
+    -------
+    bool
+        Whether a gain is negative.
+    """
+    filled = 0
+    negative = False
+    out_start[0] = 0
+    for i in range(len(row_start) - 1):
+        begin = filled
+        for e in range(row_start[i], row_start[i + 1]):
+            j = tasks[e]
+            seen[j] = i + 1
+            total[j] = gains[e]
+            out_tasks[filled] = j
+            filled += 1
+        for e in range(indptr[i], indptr[i + 1]):
+            j = indices[e]
+            value = data[e]
+            if value > 0.0:
+                value -= entry_cost
+            if seen[j] == i + 1:
+                total[j] += value
+            else:
+                total[j] = value
+                out_tasks[filled] = j
+                filled += 1
+        _fill_sorted(out_tasks, out_gains, total, begin, filled)
+        out_start[i + 1] = filled
+        negative |= filled > begin and out_gains[filled - 1] < 0.0
+    return negative
+
+
+@njit(cache=True, nogil=True)
 def _fill_sorted(tasks, gains, total, begin, end):
     """Write the gains of one row by decreasing gain, equal gains by ascending task."""
-    if end - begin > 24:
+    if end - begin > _INSERT:
         own = np.sort(tasks[begin:end])
         key = np.empty(end - begin)
         for e in range(end - begin):

@@ -12,6 +12,7 @@ from sapopt.feasibility import InfeasibleError
 from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.haal_tree import CompiledTree
 from sapopt.types import IntArray
 
 Parking = Literal["lowest", "lookahead"]
@@ -27,14 +28,20 @@ class HAALMemory:
     ----------
     windows : object
         Source of the benefits the intervals were solved for.
+    tree : CompiledTree, optional
+        Holds the intervals of a sparse problem with one switching cost.
     solved : dict
-        ``(start, stop, state key) -> (assignment, value)``.
+        Those of other problems: ``(start, stop, state key) -> (assignment, value)``.
+    uncompiled : bool
+        The compiled search met an interval it cannot solve, and is not tried again.
     assignment_problems : int
         Assignment problems solved so far.
     """
 
     windows: Any = None
+    tree: CompiledTree | None = None
     solved: dict[tuple[int, int, Any], tuple[IntArray, float]] = field(default_factory=dict)
+    uncompiled: bool = False
     assignment_problems: int = 0
 
 
@@ -46,6 +53,11 @@ class HAAL:
     the sum of its benefits plus the handover from the state before it. The first assignment of the best sequence is
     executed. Sequences that begin alike share their first intervals, so 2^L - 1 assignment problems suffice, fewer where
     different sequences lead to the same state; intervals solved at one step are remembered for the next.
+
+    For sparse benefits and one switching cost the whole search is compiled, and intervals that do not depend on each
+    other are solved by numba's threads (``NUMBA_NUM_THREADS``); the result does not depend on their number. It holds up
+    to 2^L states; above 512 MiB of them (L = 13 with 324 agents) the general search in Python takes over, as it does for
+    other dynamics and where an idle agent finds no task.
 
     Equal sequences: the one with the shortest first interval, then the shortest second one, and so on.
 
@@ -83,16 +95,43 @@ class HAAL:
 
     def act(self, outlook: Outlook, memory: HAALMemory) -> tuple[IntArray, HAALMemory]:
         """Execute the first assignment of the best sequence of intervals."""
-        if memory.windows is not outlook.windows or self.parking == "lookahead":
-            memory = HAALMemory(outlook.windows, {}, memory.assignment_problems)
+        if memory.windows is not outlook.windows:
+            memory = HAALMemory(
+                outlook.windows, uncompiled=memory.uncompiled, assignment_problems=memory.assignment_problems
+            )
+        order = self._order(outlook)
+        found = self._compiled(outlook, memory, order)
+        return (self._generic(outlook, memory, order) if found is None else found), memory
+
+    def _compiled(self, outlook: Outlook, memory: HAALMemory, order: IntArray) -> IntArray | None:
+        """The step's assignment by the compiled search; None where it does not apply."""
+        if memory.uncompiled:
+            return None
+        if memory.tree is None:
+            memory.tree = CompiledTree.of(outlook, self.lookahead)
+        first = None
+        if memory.tree is not None:
+            if self.parking == "lookahead":
+                memory.tree.forget_nodes()  # they are parked in another order
+            first, solved = memory.tree.best(outlook, order)
+            memory.assignment_problems += solved
+        if first is None:
+            memory.tree = None
+            memory.uncompiled = True
+        return first
+
+    def _generic(self, outlook: Outlook, memory: HAALMemory, order: IntArray) -> IntArray:
+        """The step's assignment for any dynamics."""
+        if self.parking == "lookahead":
+            memory.solved.clear()
         for key in [key for key in memory.solved if key[0] < outlook.k]:
             del memory.solved[key]
-        search = _Search(outlook, memory, self._order(outlook), min(outlook.k + self.lookahead, outlook.end))
+        search = _Search(outlook, memory, order, min(outlook.k + self.lookahead, outlook.end))
         first, value = search.best(outlook.k, outlook.state)
         if first is None:
             outlook.assign(outlook.beta_hat())  # raises, and says why
             raise InfeasibleError(f"step {outlook.k}: no sequence of assignments is feasible (value {value})")
-        return first, memory
+        return first
 
     def _order(self, outlook: Outlook) -> IntArray:
         if self.parking == "lowest":

@@ -1,0 +1,263 @@
+"""The canonical choice among equally good matchings, and duals of a matching found elsewhere.
+
+Rows list positive gains only, sorted by decreasing gain (`sapopt.kernels.matching.positive_rows`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_TIGHT = 1e-11  # relative to the greatest gain: a pair with less slack counts as tight
+
+
+@njit(cache=True, nogil=True)
+def settle(row_start, tasks, gains, chosen, owner, u, p):
+    """Turn an optimal matching into the lexicographically smallest optimal one (an idle agent counts as task m).
+
+    Every optimal matching uses tight pairs only (complementary slackness), so the others are reached through
+    alternating paths of tight pairs. Where those form no cycle the matching is the only one, which is the usual case
+    and costs one pass over the tight pairs.
+    """
+    n = len(chosen)
+    top = 0.0
+    for i in range(n):
+        if row_start[i] < row_start[i + 1]:
+            top = max(top, gains[row_start[i]])
+    tol = _TIGHT * top
+    if top > 0.0 and _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
+        _smallest(row_start, tasks, gains, chosen, owner, u, p, tol)
+
+
+@njit(cache=True, nogil=True)
+def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
+    """Whether the tight pairs outside the matching form a cycle (Kahn's topological order).
+
+    The nodes are agents that could move on, to the agent that holds the task they would take; node n is the pool of
+    free tasks and private idle options, which any agent may enter that holds a task of price zero or nothing.
+    Agents that cannot move on lie on no cycle and are left out.
+    """
+    n = len(chosen)
+    head = np.empty(row_start[n] + n, np.int32)  # where the moves lead to
+    first = np.empty(n + 1, np.int64)
+    last = np.zeros(n, np.int64)
+    movers = np.empty(n, np.int64)
+    into = np.zeros(n + 1, np.int32)
+    count = 0
+    size = 0
+    for i in range(n):
+        begin = count
+        if chosen[i] >= 0 and u[i] <= tol:
+            head[count] = n
+            count += 1
+        least = u[i] - tol
+        for e in range(row_start[i], row_start[i + 1]):
+            if gains[e] < least:
+                break
+            j = tasks[e]
+            if j != chosen[i] and gains[e] - p[j] >= least:
+                head[count] = owner[j] if owner[j] >= 0 else n
+                count += 1
+        if count > begin:
+            first[i] = begin
+            last[i] = count
+            movers[size] = i
+            size += 1
+    for e in range(count):
+        into[head[e]] += 1
+    for q in range(size):  # the moves out of the pool
+        i = movers[q]
+        if chosen[i] < 0 or p[chosen[i]] <= tol:
+            into[i] += 1
+
+    stack = np.empty(size + 1, np.int64)
+    waiting = 0
+    for q in range(size):
+        if into[movers[q]] == 0:
+            stack[waiting] = movers[q]
+            waiting += 1
+    if into[n] == 0:
+        stack[waiting] = n
+        waiting += 1
+    removed = 0
+    while waiting > 0:
+        waiting -= 1
+        v = stack[waiting]
+        removed += 1
+        if v == n:
+            for q in range(size):
+                i = movers[q]
+                if chosen[i] < 0 or p[chosen[i]] <= tol:
+                    into[i] -= 1
+                    if into[i] == 0:
+                        stack[waiting] = i
+                        waiting += 1
+            continue
+        for e in range(first[v], last[v]):
+            w = head[e]
+            into[w] -= 1
+            if into[w] == 0 and (w == n or last[w] > 0):
+                stack[waiting] = w
+                waiting += 1
+    return removed < size + 1
+
+
+@njit(cache=True, nogil=True)
+def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
+    """Agent by agent, switch to the smallest tight task that leaves an optimal matching of the agents after it."""
+    n = len(chosen)
+    m = len(owner)
+    option = np.empty(m + 1, np.int64)
+    seen = np.full(n + 1, -1, np.int64)
+    parent = np.empty(n + 1, np.int64)
+    taken = np.empty(n + 1, np.int64)
+    queue = np.empty(n + 1, np.int64)
+    stamp = 0
+    for i in range(n):
+        current = chosen[i] if chosen[i] >= 0 else m
+        size = _tight(i, row_start, tasks, gains, u, p, tol, option)
+        wanted = np.sort(option[:size])
+        for w in range(size):
+            j = wanted[w]
+            if j >= current:
+                break
+            stamp += 1
+            if _redirect(
+                i, j, stamp, row_start, tasks, gains, chosen, owner, u, p, tol,
+                seen, parent, taken, queue, option,
+            ):  # fmt: skip
+                break
+
+
+@njit(cache=True, nogil=True)
+def _tight(i, row_start, tasks, gains, u, p, tol, option):
+    """List the tasks that agent i may have in an optimal matching as far as its own duals tell."""
+    size = 0
+    for e in range(row_start[i], row_start[i + 1]):
+        if gains[e] < u[i] - tol:
+            break
+        if gains[e] - p[tasks[e]] >= u[i] - tol:
+            option[size] = tasks[e]
+            size += 1
+    return size
+
+
+@njit(cache=True, nogil=True)
+def _redirect(
+    i, wish, stamp, row_start, tasks, gains, chosen, owner, u, p, tol, seen, parent, taken, queue, option
+):
+    """Move agent i to task `wish` along an alternating path of tight pairs through agents after i, if there is one.
+
+    Who loses a task moves on to another tight one. The pool (node n) gives free tasks and private idle options, and
+    takes back an idle option or a task of price zero from any agent. The path ends at the option that i leaves.
+    """
+    n = len(chosen)
+    left = chosen[i]
+    left_may_stay_free = left < 0 or p[left] <= tol
+    node = owner[wish] if owner[wish] >= 0 else n
+    if node < i:
+        return False
+    seen[node] = stamp
+    parent[node] = i
+    taken[node] = wish
+    queue[0] = node
+    head, tail = 0, 1
+    end = -1
+    while head < tail and end < 0:
+        r = queue[head]
+        head += 1
+        if r == n:
+            if left_may_stay_free:
+                end = n
+                break
+            for other in range(i + 1, n):
+                if seen[other] != stamp and (chosen[other] < 0 or p[chosen[other]] <= tol):
+                    seen[other] = stamp
+                    parent[other] = n
+                    taken[other] = -2
+                    queue[tail] = other
+                    tail += 1
+            continue
+        if chosen[r] >= 0 and u[r] <= tol and seen[n] != stamp:
+            seen[n] = stamp
+            parent[n] = r
+            taken[n] = -1
+            queue[tail] = n
+            tail += 1
+        size = _tight(r, row_start, tasks, gains, u, p, tol, option)
+        for q in range(size):
+            j = option[q]
+            if j == chosen[r]:
+                continue
+            if j == left:
+                end = r
+                break
+            node = owner[j] if owner[j] >= 0 else n
+            if node <= i or seen[node] == stamp:
+                continue
+            seen[node] = stamp
+            parent[node] = r
+            taken[node] = j
+            queue[tail] = node
+            tail += 1
+    if end < 0:
+        return False
+    r = end
+    take = left if end < n else np.int64(-1)
+    while True:  # free what the agents on the path hold, then hand out what they take
+        if r < n and chosen[r] >= 0:
+            owner[chosen[r]] = -1
+        if r == i:
+            break
+        r = parent[r]
+    r = end
+    while True:
+        if r < n:
+            chosen[r] = take
+            if take >= 0:
+                owner[take] = r
+        if r == i:
+            break
+        take = taken[r]
+        r = parent[r]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def duals(row_start, tasks, gains, chosen, owner):
+    """Smallest prices that support an optimal matching, by label correction (Bellman-Ford).
+
+    Returns
+    -------
+    u, p : ndarray of float64
+        As in `sapopt.kernels.matching.match`.
+    """
+    n, m = len(chosen), len(owner)
+    own = np.zeros(n)
+    top = 0.0
+    for i in range(n):
+        for e in range(row_start[i], row_start[i + 1]):
+            top = max(top, gains[e])
+            if tasks[e] == chosen[i]:
+                own[i] = gains[e]
+    p = np.zeros(m)
+    slack = 1e-14 * top  # below rounding: a cycle of gain zero must not be chased
+    for _ in range(n + 1):
+        moved = False
+        for i in range(n):
+            c = chosen[i]
+            utility = own[i] - p[c] if c >= 0 else 0.0
+            for e in range(row_start[i], row_start[i + 1]):
+                j = tasks[e]
+                if gains[e] - utility <= slack:
+                    break
+                if j != c and gains[e] - utility > p[j] + slack:
+                    p[j] = gains[e] - utility
+                    moved = True
+        if not moved:
+            break
+    u = np.zeros(n)
+    for i in range(n):
+        if chosen[i] >= 0:
+            u[i] = max(0.0, own[i] - p[chosen[i]])
+    return u, p

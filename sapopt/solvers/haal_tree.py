@@ -1,0 +1,118 @@
+"""HAAL's compiled search for sparse benefits and one switching cost: what it keeps from step to step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sapopt.dynamics.switching import SwitchingCost
+from sapopt.outlook import Outlook, WindowSums
+from sapopt.types import IntArray
+
+_MOST_BYTES = 512 * 2**20  # for states; L = 12 at 324 agents
+
+
+class CompiledTree:
+    """Window sums, states and solved intervals, as `sapopt.kernels.tree` wants them.
+
+    Parameters
+    ----------
+    sums : WindowSums
+        Source of the benefits.
+    lookahead : int
+        Most steps of a search.
+    cost : float
+    idle_is_free : bool
+        As in `SwitchingCost`.
+    """
+
+    def __init__(self, sums: WindowSums, lookahead: int, cost: float, idle_is_free: bool) -> None:
+        from sapopt.kernels.tree import Nodes
+
+        self.sums = sums
+        self.lookahead = lookahead
+        self.cost = cost
+        self.idle_is_free = idle_is_free
+        shape = (lookahead + 1, 2**lookahead)  # the trees of all steps that reach a step have fewer nodes there
+        self._nodes = Nodes(
+            np.zeros(shape[0], np.int64), np.empty((*shape, sums.n), np.int32), np.empty(shape, np.int64),
+            np.empty((*shape, lookahead), np.int32), np.empty((*shape, lookahead)),
+        )  # fmt: skip
+        self._plain: Any = None
+        self._charged: Any = None
+        self._step = self._end = -1  # the windows between these steps are there
+
+    @classmethod
+    def of(cls, outlook: Outlook, lookahead: int) -> CompiledTree | None:
+        """The tree for a problem, None if it is not of this kind or too large."""
+        model, sums = outlook.model, outlook.windows
+        if type(model) is not SwitchingCost or not model.is_uniform or not sums.is_sparse:
+            return None
+        lookahead = min(lookahead, outlook.end - outlook.k)
+        if (lookahead + 1) * 2**lookahead * sums.n * 4 > _MOST_BYTES:
+            return None
+        return cls(sums, lookahead, float(model.cost), model.idle_is_free)
+
+    def best(self, outlook: Outlook, order: IntArray) -> tuple[IntArray | None, int]:
+        """First assignment of the best sequence and the number of intervals solved for it.
+
+        The assignment is None if the kernel cannot tell, see `sapopt.kernels.tree.search`.
+        """
+        from sapopt.kernels.tree import search
+
+        k = outlook.k
+        stop = min(k + self.lookahead, outlook.end)
+        self._advance(k, stop)
+        root = np.full(self.sums.n, -1) if outlook.state is None else outlook.state
+        found, first, solved = search(
+            self._nodes, self._plain, self._charged, root, k, stop, self.cost, self.idle_is_free, order, 1
+        )
+        return (first if found else None), solved
+
+    def forget_nodes(self) -> None:
+        """Drop all that was solved."""
+        self._nodes.count[:] = 0
+
+    def _advance(self, k: int, stop: int) -> None:
+        """Drop the nodes of steps before k, make the windows up to `stop`."""
+        if not self._step <= k <= self._end:
+            self.forget_nodes()
+            self._end = k
+        else:
+            for step in range(self._step, k):
+                self._nodes.count[step % len(self._nodes.count)] = 0
+        self._step = k
+        for last in range(self._end, stop):
+            self._add(k, last)
+        self._end = max(self._end, stop)
+
+    def _add(self, k: int, last: int) -> None:
+        from sapopt.kernels.tree import add_step
+
+        rows = self.sums.slice(last, last + 1).flat()
+        first = max(k, last - self.lookahead + 1)
+        slots = [(a % self.lookahead) * self.lookahead + last - 1 - a for a in range(first, last)]
+        held = self._plain.row_start[slots, -1].max() if slots else 0
+        if self._plain is None or held + len(rows.data) > self._plain.tasks.shape[1]:
+            self._grow(2 * (held + len(rows.data)) + 1)
+        step = (rows.indptr, rows.indices, rows.data, self.sums.m, first, last)
+        add_step(self._plain, *step, 0.0)
+        if self.idle_is_free:
+            add_step(self._charged, *step, self.cost)
+
+    def _grow(self, capacity: int) -> None:
+        self._plain = self._grown(self._plain, capacity)
+        self._charged = self._grown(self._charged, capacity) if self.idle_is_free else self._plain
+
+    def _grown(self, old: Any, capacity: int) -> Any:
+        from sapopt.kernels.tree import Windows
+
+        slots = self.lookahead**2
+        tasks = np.empty((slots, capacity), np.int32)
+        gains = np.empty((slots, capacity))
+        if old is None:
+            return Windows(np.empty((slots, self.sums.n + 1), np.int64), tasks, gains, np.zeros(slots, np.bool_))
+        tasks[:, : old.tasks.shape[1]] = old.tasks
+        gains[:, : old.gains.shape[1]] = old.gains
+        return Windows(old.row_start, tasks, gains, old.negative)
