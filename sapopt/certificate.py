@@ -11,11 +11,12 @@ for any prices mu >= 0 on "at most one agent holds task j at step k",
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from sapopt.guarantees import Guarantee, guarantee
 from sapopt.problem import SAP
 from sapopt.result import read_npz, write_npz
 from sapopt.types import FloatArray, IntArray
@@ -63,6 +64,8 @@ class Certificate:
         Task prices mu >= 0 that prove the bound.
     fingerprint : str
         `SAP.fingerprint` of the problem.
+    guarantee : Guarantee
+        What is promised a priori (theorem 3.5.1 and the refined ratio), and for which algorithms.
     solver : str
         Method that found the plan.
     """
@@ -72,6 +75,7 @@ class Certificate:
     plan: IntArray = field(repr=False)
     prices: FloatArray = field(repr=False)
     fingerprint: str
+    guarantee: Guarantee = field(repr=False)
     solver: str = ""
 
     @property
@@ -81,11 +85,26 @@ class Certificate:
             return 0.0 if self.value == 0 else float("inf")
         return (self.bound - self.value) / abs(self.bound)
 
+    @property
+    def c(self) -> float:
+        """c of theorem 3.5.1: least benefit of an assignment over the most that handovers can cost in a step."""
+        return self.guarantee.c
+
+    @property
+    def ratio(self) -> float:
+        """c / (1 + c)."""
+        return self.guarantee.ratio
+
+    @property
+    def theorem(self) -> str:
+        """What is promised a priori, and for which algorithms."""
+        return self.guarantee.statement
+
     def save(self, path: str | Path) -> None:
         """Write the certificate to an ``.npz`` file."""
         meta = {
             "format": _FORMAT, "value": self.value, "bound": self.bound, "fingerprint": self.fingerprint,
-            "solver": self.solver, "digest": self._digest(),
+            "solver": self.solver, "guarantee": asdict(self.guarantee), "digest": self._digest(),
         }  # fmt: skip
         write_npz(path, meta, {"plan": self.plan, "prices": self.prices})
 
@@ -102,7 +121,7 @@ class Certificate:
             meta, arrays = read_npz(path, _FORMAT)
             out = cls(
                 float(meta["value"]), float(meta["bound"]), arrays["plan"], arrays["prices"],
-                str(meta["fingerprint"]), str(meta["solver"]),
+                str(meta["fingerprint"]), Guarantee.from_dict(meta["guarantee"]), str(meta["solver"]),
             )  # fmt: skip
             digest = meta["digest"]
         except (KeyError, TypeError) as error:
@@ -146,7 +165,8 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
     except ValueError as error:
         raise CertificateError(str(error)) from None
     plan = np.asarray(plan).astype(np.int64)
-    return Certificate(value, bound, plan, np.asarray(prices, dtype=np.float64), problem.fingerprint, solver)
+    mu = np.asarray(prices, dtype=np.float64)
+    return Certificate(value, bound, plan, mu, problem.fingerprint, guarantee(problem), solver)
 
 
 def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
@@ -186,4 +206,10 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
         raise CertificateError(
             f"the prices prove a bound of {proven.bound!r}, not the claimed {claim.bound!r}"
         )
+    # A ratio that is not promised is stored as 0, so the comparison covers all cases.
+    for name in ("ratio", "refined_ratio"):
+        if not getattr(claim.guarantee, name) <= getattr(proven.guarantee, name) + _SLACK:
+            raise CertificateError(
+                f"the problem promises a {name} of {getattr(proven.guarantee, name)!r} only"
+            )
     return replace(proven, solver=claim.solver)

@@ -175,6 +175,7 @@ def test_claims_beyond_the_proof_are_refused(proven: tuple[SAP, Certificate, Pat
         change(good, prices=good.prices - 1.0),
         change(good, prices=np.where(good.prices > 0, np.inf, 0.0)),
         change(good, prices=good.prices[:-1]),
+        change(good, guarantee=change(good.guarantee, ratio=0.999)),
         change(good, plan=twice),
         change(good, plan=good.plan[:, :-1]),
         change(good, plan=good.plan.astype(float)),

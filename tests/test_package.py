@@ -20,7 +20,7 @@ LAYERS = (
     ("verbs", "domains", "learning", "plotting", "display"),
     ("solvers",),
     ("formulations",),
-    ("certificate", "verification", "outlook", "assignment"),
+    ("certificate", "guarantees", "verification", "outlook", "assignment"),
     (
         "problem",
         "dynamics",
