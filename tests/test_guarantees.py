@@ -106,7 +106,7 @@ class Tired:
 
 
 def test_conditions_of_a_user_are_enumerated() -> None:
-    """A small user-defined model is decided, a large one is unknown, and neither promises HAAL anything it should not."""
+    """A small user-defined model is decided by visiting its states; without a size of handovers nothing is promised."""
     tired = guarantee(SAP(np.ones((3, 2, 3)), Tired(True))).conditions
     assert (tired.vanishing, tired.strict_penalty, tired.assignment_dominated) == ("no", "yes", "yes")
     plain = guarantee(SAP(np.ones((3, 2, 3)), Tired(False)))
