@@ -56,7 +56,7 @@ def test_version() -> None:
 def test_help_needs_no_arguments() -> None:
     """Without a command the help is shown; every command has one."""
     assert "compare" in run().output
-    for command in ("compare", "solve", "bound", "instances"):
+    for command in ("compare", "solve", "bound", "certify", "verify", "instances"):
         outcome = run(command, "--help")
         assert outcome.exit_code == 0
         assert "--json" in outcome.stdout
@@ -161,6 +161,50 @@ def test_bound(problem_file: Path, tmp_path: Path) -> None:
     report = json.loads(run("bound", problem_file, "--json", "--out", tmp_path / "out").stdout)
     assert report["bound"] == pytest.approx(sapopt.bound(SAP.load(problem_file)).value, rel=1e-3)
     assert json.loads((tmp_path / "out" / "bound.json").read_text(encoding="utf-8")) == report
+
+
+def test_certify_and_verify(problem_file: Path, tmp_path: Path) -> None:
+    """A certificate is written and holds; for another problem it is refused, and it is not overwritten."""
+    path = tmp_path / "c.npz"
+    args = ("certify", problem_file, "--solver", "haal:3", "--out", path)
+    written = run(*args, "--json")
+    assert written.exit_code == 0
+    assert "holds" in run("verify", path, problem_file).stdout
+    claim, proven = (
+        json.loads(outcome.stdout) for outcome in (written, run("verify", path, problem_file, "--json"))
+    )
+    assert proven == claim
+    assert claim["value"] <= claim["bound"]
+    assert "--force" in error_line(*args)
+    assert run(*args, "--force").exit_code == 0
+    other = run("verify", path, "constellation-toy")
+    assert other.exit_code == 2
+    assert "belongs to another problem" in other.stderr
+
+
+def test_verify_finds_the_built_in_instance(tmp_path: Path) -> None:
+    """Without a name the built-in instances of the certificate's size are tried."""
+    path = tmp_path / "c.npz"
+    assert (
+        run("certify", "constellation-toy", "--solver", "haa", "--cost", "0.2", "--out", path).exit_code == 0
+    )
+    assert run("verify", path, "--cost", "0.2").stdout.startswith("constellation-toy: ")
+    assert run("verify", path).exit_code == 2
+
+
+def test_verify_refuses_what_is_no_certificate(problem_file: Path, tmp_path: Path) -> None:
+    """A missing file, a problem, and a certificate of no built-in instance each get one line."""
+    assert "there is no file" in error_line("verify", tmp_path / "no.npz")
+    assert "small.npz" in error_line("verify", problem_file)
+    path = tmp_path / "c.npz"
+    run("certify", problem_file, "--solver", "haa", "--out", path)
+    assert "fits no built-in instance" in error_line("verify", path)
+
+
+def test_certify_needs_a_folder_to_write_to(problem_file: Path, tmp_path: Path) -> None:
+    """The place of the certificate is checked before any work is done."""
+    assert "there is no folder" in error_line("certify", problem_file, "--out", tmp_path / "none" / "c.npz")
+    assert "is a folder" in error_line("certify", problem_file, "--out", tmp_path)
 
 
 def test_built_in_instance() -> None:

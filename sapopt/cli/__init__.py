@@ -1,5 +1,11 @@
 """The ``sapopt`` program."""
 
-from sapopt.cli.app import app, main
+from sapopt.cli import proving, solving  # they add their commands to the app
+from sapopt.cli.app import app
 
-__all__ = ["app", "main"]
+__all__ = ["app", "main", "proving", "solving"]
+
+
+def main() -> None:
+    """Run the ``sapopt`` program."""
+    app()

@@ -32,6 +32,16 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def check_new(path: Path, force: bool) -> None:
+    """Raise ValueError if a file exists and may not be overwritten, or has no folder to lie in."""
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder, not a file")
+    if path.exists() and not force:
+        raise ValueError(f"{path} exists already; give --force to overwrite it, or another --out")
+    if not path.parent.is_dir():
+        raise ValueError(f"there is no folder {path.parent}")
+
+
 class Output:
     """The files of one command in one folder, or nothing without a folder.
 

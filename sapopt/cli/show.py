@@ -122,7 +122,7 @@ def _spread(results: Mapping[str, Result]) -> dict[str, Result]:
 
 
 def solve_figures(output: Output, problem: SAP, name: str, result: Result, agent: int) -> None:
-    """``history.png`` and ``timeline.png`` of one result."""
+    """``history.png``, ``timeline.png``, and ``gap.png`` where the solver proved bounds on its way."""
     if output.folder is None:
         return
     from sapopt import plotting
@@ -133,3 +133,7 @@ def solve_figures(output: Output, problem: SAP, name: str, result: Result, agent
     drawing, ax = figure(9.0, 0.13 * min(problem.n, 40) + 1.6)
     plotting.timeline(problem, result, ax=ax)
     output.png("timeline.png", drawing)
+    if any(record.get("bound") is not None for record in result.trace):
+        drawing, ax = figure(7.2, 3.6)
+        plotting.gap_trace(result, ax)
+        output.png("gap.png", drawing)

@@ -14,10 +14,11 @@ from types import FrameType
 from sapopt import verbs
 from sapopt.certificate import Bound
 from sapopt.cli.names import NamedSolver, nearest
-from sapopt.cli.progress import Reporter
-from sapopt.control import Progress
+from sapopt.cli.progress import Phase, Reporter
+from sapopt.control import Callback, Progress
 from sapopt.display import describe
 from sapopt.domains.instances import find_instance, instance, instances
+from sapopt.outlook import Policy
 from sapopt.problem import SAP
 from sapopt.result import Result, Status
 
@@ -64,11 +65,15 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
     """Compile what the solvers and the bound need, on the first steps, so that no time reported contains it."""
     steps = min(_WARM_UP_STEPS, problem.T)
     small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
-    with reporter.phase("compiling kernels", total=len(solvers)) as phase:
+    with reporter.phase("compiling kernels", total=len(solvers) + 1) as phase:
         for done, named in enumerate(solvers):
             phase.update(done, note=named.name)
-            if verbs.solve(small, named.solver, time_limit=_WARM_UP_SECONDS).status is Status.INTERRUPTED:
+            # A policy must run all steps: the second one, which has a past, compiles more than the first.
+            limit = None if isinstance(named.solver, Policy) else _WARM_UP_SECONDS
+            if verbs.solve(small, named.solver, time_limit=limit).status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
+        phase.update(len(solvers), note="bound")
+        verbs.bound(small, callback=lambda progress: True)
         phase.note = ""
 
 
@@ -102,12 +107,9 @@ def run_solver(
 ) -> Result:
     """Solve, showing step after step, or bound and incumbent. Ctrl-C ends the run with what it has."""
     with reporter.phase(named.name) as phase, _first_interrupt_asks() as asked:
-
-        def show(progress: Progress) -> bool:
-            phase.update(progress.done, progress.total or None, describe(progress))
-            return asked.is_set()
-
-        result = verbs.solve(problem, named.solver, seed=seed, time_limit=time_limit, callback=show)
+        result = verbs.solve(
+            problem, named.solver, seed=seed, time_limit=time_limit, callback=_shown(phase, asked)
+        )
         phase.note = f"value {result.value:,.1f}"
         if result.bound is not None:
             phase.note += f"  bound {result.bound:,.1f}  gap {100 * (result.gap or 0.0):.2f} %"
@@ -116,12 +118,22 @@ def run_solver(
     return result
 
 
-def prove_bound(problem: SAP, reporter: Reporter) -> Bound:
-    """A proven upper bound of the problem."""
-    with reporter.phase("proving a bound") as phase:
-        proven = verbs.bound(problem)
-        phase.note = f"{proven.value:,.1f}"
+def prove_bound(problem: SAP, seed: int, time_limit: float | None, reporter: Reporter) -> Bound:
+    """Prove an upper bound of the problem. Ctrl-C ends the run with the bound proven so far."""
+    with reporter.phase("proving a bound") as phase, _first_interrupt_asks() as asked:
+        proven = verbs.bound(problem, seed=seed, time_limit=time_limit, callback=_shown(phase, asked))
+        phase.note = f"bound {proven.value:,.1f}"
     return proven
+
+
+def _shown(phase: Phase, asked: threading.Event) -> Callback:
+    """A callback that shows the reports of a run, and ends it when the user asked to."""
+
+    def show(progress: Progress) -> bool:
+        phase.update(progress.done, progress.total or None, describe(progress))
+        return asked.is_set()
+
+    return show
 
 
 @dataclass(frozen=True)
@@ -138,20 +150,19 @@ def compare(
 ) -> Comparison:
     """Run the solvers one after the other. Ctrl-C ends the run; what is there until then is kept."""
     results: dict[str, Result] = {}
-    bounds: list[float] = []
     interrupted = False
+    proven: float | None = None
     try:
         warm_up(problem, solvers, reporter)
         for named in solvers:
             results[named.name] = run_solver(problem, named, seed, time_limit, reporter)
             if results[named.name].status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
-        bounds = [result.bound for result in results.values() if result.bound is not None]
-        if not bounds:
-            bounds.append(prove_bound(problem, reporter).value)
+        if all(result.bound is None for result in results.values()):
+            proven = prove_bound(problem, seed, time_limit, reporter).value
     except KeyboardInterrupt:
         if not results:
             raise
         interrupted = True
-        bounds = [result.bound for result in results.values() if result.bound is not None]
-    return Comparison(results, min(bounds, default=None), interrupted)
+    bounds = [result.bound for result in results.values()] + [proven]
+    return Comparison(results, min((b for b in bounds if b is not None), default=None), interrupted)

@@ -1,0 +1,131 @@
+"""The commands that solve: ``compare`` and ``solve``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from sapopt.cli import show, work
+from sapopt.cli.app import (
+    DEFAULT_SOLVER,
+    EXIT_INTERRUPTED,
+    Agent,
+    AsJson,
+    Cost,
+    Force,
+    InstanceArgument,
+    Lookahead,
+    Out,
+    Seed,
+    TimeLimit,
+    app,
+    check_agent,
+    check_time,
+)
+from sapopt.cli.names import methods_help, parse_solver, parse_solvers
+from sapopt.cli.output import Output
+from sapopt.cli.progress import Reporter
+from sapopt.result import Status
+
+DEFAULT_SOLVERS = "no-handover,greedy,haa,haal:2,haal:3,haal:6"
+
+
+@app.command(name="compare")
+def compare(
+    instance: InstanceArgument,
+    solvers: Annotated[
+        str, typer.Option(metavar="LIST", help=f"Separated by commas, from: {methods_help()}.")
+    ] = DEFAULT_SOLVERS,
+    seed: Seed = 0,
+    cost: Cost = None,
+    time_limit: TimeLimit = 40.0,
+    agent: Agent = 0,
+    as_json: AsJson = False,
+    out: Out = None,
+    force: Force = False,
+) -> None:
+    """Run several solvers on one problem and show the share of the proven bound that each reaches."""
+    chosen = parse_solvers(solvers)
+    work.check_instance(instance)
+    check_time(time_limit)
+    output = Output(out, ["compare.json", "compare.npz", "compare.png", "history.png"], force)
+    with Reporter() as reporter:
+        name, problem = work.load(instance, seed, cost, reporter)
+        check_agent(agent, problem.n)
+        run = work.compare(problem, chosen, seed, time_limit, reporter)
+        records = {key: show.result_record(result, run.bound) for key, result in run.results.items()}
+        report = {
+            **show.problem_record(name, problem),
+            "bound": run.bound,
+            "seed": seed,
+            "time_limit": time_limit,
+            "interrupted": run.interrupted,
+            "solvers": records,
+            "environment": show.environment(),
+        }
+        if out is not None:
+            with reporter.phase(f"writing {out}"):
+                output.json("compare.json", report)
+                plans: dict[str, Any] = {key: result.plan for key, result in run.results.items()}
+                output.npz("compare.npz", lambda path: np.savez_compressed(path, **plans))
+                show.compare_figures(output, problem, run.results, run.bound, agent)
+    if as_json:
+        show.print_json(report)
+    else:
+        title = f"{name}: {problem.n} agents, {problem.m} tasks, {problem.T} steps, {problem.dynamics!r}"
+        proof = (
+            "no bound was proven"
+            if run.bound is None
+            else f"proven upper bound of every plan: {run.bound:,.1f}"
+        )
+        lines = [proof, *(f"wrote {path}" for path in output.written)]
+        show.print_table(show.results_table(records), *lines, title=title)
+    if run.interrupted:
+        raise typer.Exit(EXIT_INTERRUPTED)
+
+
+@app.command(name="solve")
+def solve(
+    instance: InstanceArgument,
+    solver: Annotated[str, typer.Option(help=f"One of: {methods_help()}.")] = DEFAULT_SOLVER,
+    lookahead: Lookahead = None,
+    seed: Seed = 0,
+    cost: Cost = None,
+    time_limit: TimeLimit = None,
+    with_bound: Annotated[
+        bool, typer.Option("--bound/--no-bound", help="Also prove a bound, if the solver does not.")
+    ] = True,
+    agent: Agent = 0,
+    as_json: AsJson = False,
+    out: Out = None,
+    force: Force = False,
+) -> None:
+    """Solve one problem with one solver."""
+    named = parse_solver(solver, lookahead)
+    work.check_instance(instance)
+    check_time(time_limit)
+    output = Output(out, ["solve.json", "solve.npz", "history.png", "timeline.png", "gap.png"], force)
+    with Reporter() as reporter:
+        name, problem = work.load(instance, seed, cost, reporter)
+        check_agent(agent, problem.n)
+        work.warm_up(problem, [named], reporter)
+        result = work.run_solver(problem, named, seed, time_limit, reporter)
+        if with_bound and result.bound is None and result.status is not Status.INTERRUPTED:
+            result = result.with_bound(work.prove_bound(problem, seed, time_limit, reporter).value)
+        record = show.result_record(result, None)
+        report = {**show.problem_record(name, problem), **record, "environment": show.environment()}
+        if out is not None:
+            with reporter.phase(f"writing {out}"):
+                output.json("solve.json", report | {"trace": result.trace})
+                output.npz("solve.npz", result.save)
+                show.solve_figures(output, problem, named.name, result, agent)
+    if as_json:
+        show.print_json(report | {"plan": result.plan})
+    else:
+        title = f"{name}: {problem.n} agents, {problem.m} tasks, {problem.T} steps, {problem.dynamics!r}"
+        lines = [result.status.message, *(f"wrote {path}" for path in output.written)]
+        show.print_table(show.results_table({named.name: record}), *lines, title=title)
+    if result.status is Status.INTERRUPTED:
+        raise typer.Exit(EXIT_INTERRUPTED)
