@@ -1,0 +1,240 @@
+"""Linear and mixed-integer programmes as plain arrays, and HiGHS with a clock, a cut-off and a start.
+
+Statuses are told apart: a proven optimum, an incumbent with a bound when time or patience ended, an infeasible
+programme, and a solver that failed (`SolverError`).
+"""
+
+from __future__ import annotations
+
+import enum
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from sapopt.types import FloatArray
+
+
+class SolverError(RuntimeError):
+    """A solver ended in a way that says nothing about the problem (numerical trouble, out of memory)."""
+
+
+class Ending(enum.Enum):
+    """How a solver ended."""
+
+    OPTIMAL = "optimal"
+    INFEASIBLE = "infeasible"
+    TIME_LIMIT = "time limit"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """maximise ``gain @ x + offset`` subject to ``low <= rows @ x <= high`` and ``0 <= x <= upper``.
+
+    Attributes
+    ----------
+    gain : ndarray, shape (columns,)
+    rows : sparse matrix, shape (rows, columns)
+    low, high : ndarray, shape (rows,)
+        -inf and +inf leave a side open.
+    upper : ndarray, shape (columns,)
+    integer : ndarray of bool, shape (columns,)
+    offset : float
+    """
+
+    gain: FloatArray
+    rows: Any
+    low: FloatArray
+    high: FloatArray
+    upper: FloatArray
+    integer: np.ndarray
+    offset: float = 0.0
+
+    def value(self, x: FloatArray) -> float:
+        """Objective of a point."""
+        return float(self.gain @ x) + self.offset
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a solver found.
+
+    Attributes
+    ----------
+    ending : Ending
+    x : ndarray or None
+        Best point found.
+    value : float
+        Its objective, -inf without a point.
+    bound : float
+        No point is better.
+    nodes : int
+        Nodes of the search tree.
+    duals : ndarray or None
+        Row duals of a linear programme.
+    """
+
+    ending: Ending
+    x: FloatArray | None
+    value: float
+    bound: float
+    nodes: int = 0
+    duals: FloatArray | None = None
+
+
+Watch = Callable[[float, float], bool]
+"""``watch(value, bound) -> stop?``, called now and then while the solver runs."""
+
+
+def maximise(
+    programme: Programme,
+    *,
+    relaxed: bool = False,
+    seconds: float = np.inf,
+    tolerance: float = 1e-9,
+    cutoff: float = -np.inf,
+    start: FloatArray | None = None,
+    watch: Watch | None = None,
+    options: dict[str, Any] | None = None,
+) -> Answer:
+    """Solve a programme with HiGHS.
+
+    Parameters
+    ----------
+    programme : Programme
+    relaxed : bool
+        Solve the linear relaxation.
+    seconds : float
+        Time limit.
+    tolerance : float
+        Relative gap at which a point counts as optimal.
+    cutoff : float
+        Only points better than this matter: a search that ends without one proves that there is none, and answers
+        OPTIMAL with the cut-off as its bound and no point.
+    start : ndarray, optional
+        A feasible point to start from.
+    watch : callable, optional
+        See `Watch`.
+    options : dict, optional
+        Further options of HiGHS by name.
+
+    Raises
+    ------
+    SolverError
+        If HiGHS fails.
+    """
+    import highspy
+
+    if programme.gain.size == 0:
+        feasible = bool((programme.low <= 0).all() and (programme.high >= 0).all())
+        value = programme.offset if feasible else -np.inf
+        return Answer(
+            Ending.OPTIMAL if feasible else Ending.INFEASIBLE, np.zeros(0) if feasible else None, value, value
+        )
+    if seconds <= 0:
+        return Answer(Ending.TIME_LIMIT, None, -np.inf, np.inf)
+    solver = highspy.Highs()
+    settings: dict[str, Any] = {"output_flag": False, "mip_rel_gap": tolerance, "mip_abs_gap": 1e-9}
+    if np.isfinite(seconds):
+        settings["time_limit"] = float(seconds)
+    if np.isfinite(cutoff):
+        settings["objective_bound"] = float(programme.offset - cutoff)  # of the minimisation
+    for name, value in (settings | (options or {})).items():
+        solver.setOptionValue(name, value)
+    solver.passModel(_model(highspy, programme, relaxed))
+    if start is not None and not relaxed:
+        point = highspy.HighsSolution()
+        point.col_value = np.asarray(start, dtype=np.float64)
+        solver.setSolution(point)
+    interrupted = _run(solver, programme.offset, watch)
+    return _answer(highspy, solver, programme, relaxed, interrupted, cutoff)
+
+
+def _model(highspy: Any, programme: Programme, relaxed: bool) -> Any:
+    rows = sp.csc_array(programme.rows)
+    model = highspy.HighsLp()
+    model.num_row_, model.num_col_ = rows.shape
+    # HiGHS minimises at heart: cut-off and bounds of a maximisation are turned round in some places and not in others.
+    model.col_cost_ = -np.asarray(programme.gain, dtype=np.float64)
+    model.col_lower_ = np.zeros(rows.shape[1])
+    model.col_upper_ = np.asarray(programme.upper, dtype=np.float64)
+    model.row_lower_ = np.asarray(programme.low, dtype=np.float64)
+    model.row_upper_ = np.asarray(programme.high, dtype=np.float64)
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_ = rows.indptr
+    model.a_matrix_.index_ = rows.indices
+    model.a_matrix_.value_ = rows.data
+    if not relaxed and programme.integer.any():
+        whole, real = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
+        model.integrality_ = [whole if flag else real for flag in programme.integer]
+    return model
+
+
+def _run(solver: Any, offset: float, watch: Watch | None) -> bool:
+    """Run in a thread of its own, so that Ctrl-C and the watch are heard. Returns whether it was interrupted."""
+    stop = threading.Event()
+    seen = [-np.inf, np.inf]
+
+    def listen(event: Any) -> None:
+        if stop.is_set():
+            event.interrupt()
+
+    def note(event: Any) -> None:
+        seen[0] = offset - event.data_out.mip_primal_bound
+        seen[1] = offset - event.data_out.mip_dual_bound
+
+    solver.cbMipInterrupt += listen
+    solver.cbSimplexInterrupt += listen
+    solver.cbIpmInterrupt += listen
+    solver.cbMipLogging += note
+    worker = threading.Thread(target=solver.run, daemon=True)
+    worker.start()
+    broken = False
+    while worker.is_alive():
+        try:
+            worker.join(0.1)
+            if watch is not None and not stop.is_set() and watch(seen[0], seen[1]):
+                stop.set()
+        except KeyboardInterrupt:
+            broken = True
+            stop.set()
+    if broken:
+        raise KeyboardInterrupt
+    return stop.is_set()
+
+
+def _answer(
+    highspy: Any, solver: Any, programme: Programme, relaxed: bool, interrupted: bool, cutoff: float
+) -> Answer:
+    status = solver.getModelStatus()
+    states = highspy.HighsModelStatus
+    info = solver.getInfo()
+    whole = not relaxed and bool(programme.integer.any())
+    x: FloatArray | None = None
+    duals: FloatArray | None = None
+    value, bound = -np.inf, np.inf
+    if info.primal_solution_status == highspy.SolutionStatus.kSolutionStatusFeasible:
+        solution = solver.getSolution()
+        x = np.asarray(solution.col_value)
+        value = programme.value(x)
+        if not whole:
+            duals = -np.asarray(solution.row_dual)
+    if whole and np.isfinite(info.mip_dual_bound):
+        bound = programme.offset - info.mip_dual_bound
+    nodes = max(int(info.mip_node_count), 0) if whole else 0
+    if status == states.kOptimal:
+        return Answer(Ending.OPTIMAL, x, value, max(bound, value) if whole else value, nodes, duals)
+    if status in (states.kInfeasible, states.kUnboundedOrInfeasible):
+        if np.isfinite(cutoff):
+            return Answer(Ending.OPTIMAL, None, -np.inf, cutoff, nodes)
+        return Answer(Ending.INFEASIBLE, None, -np.inf, -np.inf, nodes)
+    if status in (states.kTimeLimit, states.kInterrupt, states.kSolutionLimit, states.kIterationLimit):
+        ending = Ending.INTERRUPTED if interrupted else Ending.TIME_LIMIT
+        return Answer(ending, x, value, bound, nodes, duals)
+    if status in (states.kObjectiveBound, states.kObjectiveTarget):
+        return Answer(Ending.OPTIMAL, x, value, bound, nodes, duals)
+    raise SolverError(f"HiGHS ended with {solver.modelStatusToString(status)!r}; give it more time or memory")

@@ -1,0 +1,154 @@
+"""The sequential assignment problem as an ordinary mixed-integer programme: a `cvxpy.Problem` to take away.
+
+Booleans ``x[k][i, j]`` say who holds what. A uniform switching cost needs one more number per pair and step, the share in
+which the pair was already held; a cost matrix needs the transport between two assignments; any other agent-local dynamics
+the product of local state and task.
+
+    accepts(problem) -> reason or None, compile(problem) -> MILP, recover(milp) -> plan
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sapopt.benefits import dense_step
+from sapopt.dynamics.local import LocalModel
+from sapopt.dynamics.switching import SwitchingCost
+from sapopt.formulations.local import local_model, not_local
+from sapopt.problem import SAP
+from sapopt.types import FloatArray, IntArray
+
+
+class MissingSolverError(ImportError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+
+def require_cvxpy() -> Any:
+    """The cvxpy module, or an error that names the extra."""
+    try:
+        import cvxpy
+    except ImportError:
+        raise MissingSolverError("this needs cvxpy and Clarabel: pip install 'sapopt[exact]'") from None
+    return cvxpy
+
+
+@dataclass(frozen=True, eq=False)
+class MILP:
+    """A compiled problem.
+
+    Attributes
+    ----------
+    problem : cvxpy.Problem
+        Maximise the value of the plan. Solve it with any solver that knows integers.
+    x : list of T cvxpy.Variable, each of shape (n, m)
+    """
+
+    problem: Any
+    x: list[Any]
+
+
+def accepts(problem: SAP) -> str | None:
+    """None, or the reason why the problem cannot be written so."""
+    return not_local(problem)
+
+
+def compile(problem: SAP, *, relaxed: bool = False) -> MILP:
+    """The problem as a `cvxpy.Problem`; with `relaxed`, its linear relaxation.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not agent-local.
+    MissingSolverError
+        If cvxpy is not installed.
+    """
+    reason = accepts(problem)
+    if reason:
+        raise ValueError(f"dynamics: {reason}")
+    cp = require_cvxpy()
+    T, n, m = problem.benefits.shape
+    x = [cp.Variable((n, m), boolean=not relaxed, name=f"x{k}") for k in range(T)]
+    rules: list[Any] = []
+    value: Any = 0.0
+    for k in range(T):
+        worth, forbidden = _finite(dense_step(problem.benefits.step(k)))
+        rules += [cp.sum(x[k], axis=1) == 1, cp.sum(x[k], axis=0) <= 1, x[k] >= 0]
+        if forbidden.any():
+            rules.append(cp.multiply(forbidden.astype(float), x[k]) == 0)
+        value += cp.sum(cp.multiply(worth, x[k]))
+    model = problem.model
+    if type(model) is SwitchingCost:
+        if problem.initial_assignment is not None:
+            value += cp.sum(cp.multiply(problem.handover(0, problem.initial_assignment), x[0]))
+        for k in range(1, T):
+            charged = np.ones((n, m))
+            if model.idle_is_free:
+                charged = (dense_step(problem.benefits.step(k)) > 0).astype(float)
+            move = _uniform if model.is_uniform else _by_matrix
+            value += move(cp, x[k - 1], x[k], charged, model.cost, rules)
+    else:
+        states = local_model(problem)
+        assert states is not None
+        value += _local(cp, problem, states, x, rules)
+    return MILP(cp.Problem(cp.Maximize(value), rules), x)
+
+
+def recover(compiled: MILP) -> IntArray:
+    """Plan (T, n) of a solved programme.
+
+    Raises
+    ------
+    ValueError
+        If it was not solved.
+    """
+    if any(step.value is None for step in compiled.x):
+        raise ValueError(
+            f"the programme has no solution to recover a plan from (status {compiled.problem.status!r})"
+        )
+    return np.array([np.argmax(step.value, axis=1) for step in compiled.x])
+
+
+def _finite(benefit: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    forbidden = np.isneginf(benefit)
+    return np.where(forbidden, 0.0, benefit), forbidden
+
+
+def _uniform(cp: Any, before: Any, now: Any, charged: FloatArray, cost: Any, rules: list[Any]) -> Any:
+    kept = cp.Variable(now.shape, nonneg=True)
+    rules += [kept <= now, kept <= before]
+    return -float(cost) * cp.sum(cp.multiply(charged, now - kept))
+
+
+def _by_matrix(cp: Any, before: Any, now: Any, charged: FloatArray, cost: Any, rules: list[Any]) -> Any:
+    value: Any = 0.0
+    m = now.shape[1]
+    for i in range(now.shape[0]):
+        moved = cp.Variable((m, m), nonneg=True)
+        rules += [cp.sum(moved, axis=1) == before[i], cp.sum(moved, axis=0) == now[i]]
+        value -= cp.sum(cp.multiply(np.asarray(cost) * charged[i][None, :], moved))
+    return value
+
+
+def _local(cp: Any, problem: SAP, states: LocalModel, x: list[Any], rules: list[Any]) -> Any:
+    """Product of local state and task, linked to the state before and the state after."""
+    value: Any = 0.0
+    S = states.state_count()
+    for i in range(problem.n):
+        before: Any = np.eye(S)[states.start(i)]
+        for k in range(problem.T):
+            successor, handover = states.step(k, i, dense_step(problem.benefits.step(k))[i])
+            eta, closed = _finite(np.array(handover, dtype=np.float64))
+            both = cp.Variable((S, problem.m), nonneg=True)
+            rules += [cp.sum(both, axis=1) == before, cp.sum(both, axis=0) == x[k][i]]
+            if closed.any():
+                rules.append(cp.multiply(closed.astype(float), both) == 0)
+            value += cp.sum(cp.multiply(eta, both))
+            # 0/1 matrices pick the pairs that lead to each state
+            onward = np.asarray(successor)
+            before = cp.hstack(
+                [cp.sum(cp.multiply((onward == s).astype(float), both)) for s in range(S)]
+            )
+    return value

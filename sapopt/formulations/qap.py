@@ -1,0 +1,217 @@
+"""The sequential assignment problem as a Koopmans-Beckmann quadratic assignment problem (thesis, eq. 1.4).
+
+Facilities are the nT pairs (step, agent), locations the mT pairs (step, task); a facility may only go to a location of its own
+step, so every solution is block-diagonal:
+
+    maximise  sum a[p, r] b[q, s] x[p, q] x[r, s]  +  sum c[p, q] x[p, q]
+
+``a`` joins an agent to itself one step later, ``b`` holds the cost between tasks of successive steps, ``c`` the benefits (with
+the handover of the first step) and -inf outside the blocks. Where idling is free, whether a move is charged depends on the agent
+and not only on the tasks; such a task gets two locations, a charged and a free one, and ``a`` and ``b`` punish using both.
+
+    accepts(problem) -> reason or None, compile(problem) -> QAP, recover(qap, locations) -> plan
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from sapopt.dynamics.switching import SwitchingCost
+from sapopt.formulations.highs import Programme
+from sapopt.problem import SAP
+from sapopt.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class QAP:
+    """``maximise sum a[p, r] b[q, s] x[p, q] x[r, s] + sum c[p, q] x[p, q]``, every facility p at a location q of its own.
+
+    Attributes
+    ----------
+    a : ndarray, shape (facilities, facilities)
+    b : ndarray, shape (locations, locations)
+    c : ndarray, shape (facilities, locations)
+        -inf where a facility may not go.
+    shape : (T, n, m)
+        Of the sequential problem; (1, facilities, locations) for a problem that came from a file.
+    task : ndarray of int64, shape (locations,)
+        Task of each location.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    shape: tuple[int, int, int]
+    task: IntArray = field(repr=False)
+
+    def value(self, locations: IntArray) -> float:
+        """Objective of the assignment of facility p to ``locations[p]``."""
+        p = np.arange(len(self.a))
+        return float((self.a * self.b[np.ix_(locations, locations)]).sum() + self.c[p, locations].sum())
+
+    def locations(self, plan: IntArray) -> IntArray:
+        """Locations (facilities,) that stand for a plan (T, n)."""
+        T, n, _ = self.shape
+        out = np.empty(T * n, dtype=np.int64)
+        for p, j in enumerate(np.asarray(plan).ravel()):
+            out[p] = np.flatnonzero((self.task == j) & np.isfinite(self.c[p]))[0]
+        return out
+
+    def programme(self) -> Programme:
+        """Exact linearisation (Adams and Johnson) over the allowed pairs: products y[p, q, r, s] where ``a[p, r]`` is not zero."""
+        return _linearised(self)
+
+    def write_qaplib(self, path: str | Path) -> None:
+        """Write the problem in QAPLIB's form: n, then A, B and (the linear extension) C, to be minimised.
+
+        QAPLIB wants square matrices and finite numbers: facilities without weight fill up, and a forbidden place costs
+        more than any plan can gain. Numbers are written so that they read back exactly.
+        """
+        size = len(self.b)
+        short = size - len(self.a)
+        finite = np.isfinite(self.c)
+        swing = np.abs(self.c[finite]).sum() + np.abs(self.a).sum() * np.abs(self.b).max(initial=0.0)
+        c = np.zeros((size, size))
+        c[: len(self.a)] = np.where(finite, -self.c, 1.0 + 2.0 * swing)
+        matrices = (np.pad(self.a, (0, short)), -self.b + 0.0, c + 0.0)
+        lines = [str(size)]
+        for matrix in matrices:
+            lines += ["", *(" ".join(f"{v:.17g}" for v in row) for row in matrix)]
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_qaplib(path: str | Path) -> QAP:
+    """Read a QAPLIB file (n, A, B and optionally C, to be minimised) as a `QAP` to be maximised.
+
+    Raises
+    ------
+    ValueError
+        If the file does not hold n and two or three n x n matrices of numbers.
+    """
+    try:
+        words = Path(path).read_text(encoding="utf-8").split()
+        size = int(words[0])
+        numbers = np.array(words[1:], dtype=np.float64)
+        count = len(numbers) // size**2 if size > 0 else 0
+        if count not in (2, 3) or len(numbers) != count * size**2:
+            raise ValueError(f"{len(numbers)} numbers after n = {size}, expected {2 * size**2} or {3 * size**2}")
+    except (ValueError, IndexError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a QAPLIB file ({error})") from None
+    a, b, *c = numbers.reshape(count, size, size)
+    linear = -c[0] + 0.0 if c else np.zeros((size, size))
+    return QAP(a, -b + 0.0, linear, (1, size, size), np.arange(size))
+
+
+def accepts(problem: SAP) -> str | None:
+    """None, or the reason why the problem has no Koopmans-Beckmann form."""
+    if type(problem.model) is SwitchingCost:
+        return None
+    return f"{type(problem.dynamics).__name__} charges more than the move from one task to the next; only SwitchingCost fits eq. 1.4"
+
+
+def compile(problem: SAP) -> QAP:
+    """The problem as a `QAP`.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not a `SwitchingCost`.
+    """
+    reason = accepts(problem)
+    if reason:
+        raise ValueError(f"dynamics: {reason}")
+    T, n, m = problem.benefits.shape
+    benefits = problem.benefits.dense()
+    model = problem.model
+    first = problem.handover(0, problem.initial_state())
+    cost = np.asarray(model.cost, dtype=np.float64)
+    if cost.ndim == 0:
+        cost = cost * (1.0 - np.eye(m))
+
+    positive = benefits > 0
+    charge = positive.any(axis=1) if model.idle_is_free else np.ones((T, m), dtype=bool)
+    free = ~positive.all(axis=1) if model.idle_is_free else np.zeros((T, m), dtype=bool)
+    charge[0], free[0] = True, False  # the first step's handover is in c
+    place = [(k, j, True) for k in range(T) for j in range(m) if charge[k, j]]
+    place += [(k, j, False) for k in range(T) for j in range(m) if free[k, j]]
+    place.sort(key=lambda spot: (spot[0], spot[1], not spot[2]))
+    step, task = np.array([p[0] for p in place]), np.array([p[1] for p in place])
+    paid = np.array([p[2] for p in place])
+
+    a = np.zeros((T * n, T * n))
+    later = np.arange(n, T * n)
+    a[later - n, later] = 1.0
+    successive = step[:, None] + 1 == step[None, :]
+    b = np.where(successive & paid[None, :], -cost[np.ix_(task, task)], 0.0) + 0.0
+    c = np.full((T * n, len(place)), -np.inf)
+    for p in range(T * n):
+        k, i = divmod(p, n)
+        here = (step == k) & (~(free[k] & charge[k])[task] | (paid == positive[k, i, task]))
+        c[p, here] = benefits[k, i, task[here]] + (first[i, task[here]] if k == 0 else 0.0)
+    double = (step[:, None] == step) & (task[:, None] == task) & (paid[:, None] != paid)
+    if double.any():
+        finite = np.isfinite(c)
+        swing = 1.0 + np.ptp(np.where(finite, c, 0.0), axis=1).sum() + T * n * cost.max(initial=0.0)
+        b[double] = -swing / 2.0  # met twice, once in each order
+        same_step = np.arange(T * n)[:, None] // n == np.arange(T * n)[None, :] // n
+        a[same_step & ~np.eye(T * n, dtype=bool)] = 1.0
+    return QAP(a, b, c, (T, n, m), task)
+
+
+def recover(qap: QAP, locations: IntArray) -> IntArray:
+    """Plan (T, n) of a solution: facility p at ``locations[p]``."""
+    T, n, _ = qap.shape
+    return qap.task[np.asarray(locations)].reshape(T, n)
+
+
+def locations_of(qap: QAP, x: FloatArray) -> IntArray:
+    """Locations (facilities,) of an integral point of ``qap.programme()``."""
+    p, q = np.nonzero(np.isfinite(qap.c))
+    chosen = x[: len(p)] > 0.5
+    out = np.zeros(len(qap.a), dtype=np.int64)
+    out[p[chosen]] = q[chosen]
+    return out
+
+
+def _linearised(qap: QAP) -> Programme:
+    p, q = np.nonzero(np.isfinite(qap.c))
+    singles = len(p)
+    number = np.full(qap.c.shape, -1)
+    number[p, q] = np.arange(singles)
+    of = [np.flatnonzero(np.isfinite(row)) for row in qap.c]
+    row_of, column, entry = [p, len(qap.a) + q], [np.arange(singles)] * 2, [np.ones(singles)] * 2
+    low = [np.ones(len(qap.a)), np.full(len(qap.b), -np.inf)]
+    high = [np.ones(len(qap.a)), np.ones(len(qap.b))]
+    gain = [qap.c[p, q]]
+    rows, columns = len(qap.a) + len(qap.b), singles
+    diagonal = np.diagonal(qap.a)[p] * np.diagonal(qap.b)[q]
+    gain[0] = gain[0] + diagonal
+    for r, s in np.argwhere((qap.a != 0) & ~np.eye(len(qap.a), dtype=bool)):
+        here, there = of[r], of[s]
+        worth = qap.a[r, s] * qap.b[np.ix_(here, there)]
+        if not worth.any():
+            continue
+        u, v = (grid.ravel() for grid in np.meshgrid(np.arange(len(here)), np.arange(len(there)), indexing="ij"))
+        product = columns + np.arange(worth.size)
+        row_of += [rows + u, rows + len(here) + v]
+        column += [product, product]
+        entry += [np.ones(worth.size)] * 2
+        linked = np.concatenate([number[r, here], number[s, there]])
+        row_of.append(rows + np.arange(len(linked)))
+        column.append(linked)
+        entry.append(-np.ones(len(linked)))
+        low.append(np.zeros(len(linked)))
+        high.append(np.zeros(len(linked)))
+        gain.append(worth.ravel())
+        rows, columns = rows + len(linked), columns + worth.size
+    matrix = sp.csr_array(
+        (np.concatenate(entry), (np.concatenate(row_of), np.concatenate(column))), shape=(rows, columns)
+    )
+    integer = np.arange(columns) < singles
+    return Programme(
+        np.concatenate(gain), matrix, np.concatenate(low), np.concatenate(high), np.ones(columns), integer
+    )

@@ -1,0 +1,160 @@
+"""The planner `Exact`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from sapopt.control import Run
+from sapopt.feasibility import InfeasibleError
+from sapopt.formulations import milp, network, qap
+from sapopt.formulations.highs import Ending, SolverError, maximise
+from sapopt.problem import SAP
+from sapopt.result import Status
+from sapopt.solvers.base import Outcome
+from sapopt.solvers.exact import dp, infeasible, search, warm
+from sapopt.types import FloatArray, IntArray
+
+Method = Literal["network", "milp", "qap", "dp"]
+
+
+@dataclass(frozen=True)
+class Exact:
+    """An optimal plan, or the best one found in the time with a proven bound.
+
+    Parameters
+    ----------
+    method : {"network", "milp", "qap", "dp"}
+        "network": a mixed-integer programme over the time-expanded network, from which prices have removed the arcs that no
+        better plan can use; for agent-local dynamics, and by far the fastest. "milp": the `cvxpy` programme, solved by HiGHS
+        (extra ``exact``). "qap": the Koopmans-Beckmann problem of eq. 1.4, linearised; `SwitchingCost` only, tiny
+        problems. "dp": brute force over joint states; any dynamics, tiny problems.
+    tolerance : float
+        Relative gap at which a plan counts as optimal.
+    reduced_costs : bool
+        Whether "network" removes arcs by their reduced costs.
+
+    Raises
+    ------
+    ValueError
+        If the method does not take the problem.
+    InfeasibleError
+        If no plan exists; says at which step it fails, and which agents are short of tasks.
+    MissingSolverError
+        If the method needs a package that is not installed.
+    SolverError
+        If the solver fails.
+
+    Notes
+    -----
+    The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or FEASIBLE where the
+    solver stopped for another reason. Without a time limit it runs until it has a proof.
+
+    References
+    ----------
+    J. Holder, MSc thesis, University of Washington, 2024, section 1.4 (the quadratic assignment problem, eq. 1.4).
+    """
+
+    method: Method = "network"
+    tolerance: float = 1e-7
+    reduced_costs: bool = True
+
+    def __post_init__(self) -> None:
+        if self.method not in get_args(Method):
+            raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {self.method!r}")
+        if not 0 <= self.tolerance < 1:
+            raise ValueError(f"tolerance must be a relative gap in [0, 1), got {self.tolerance!r}")
+
+    @property
+    def name(self) -> str:
+        """Name with the method."""
+        return f"Exact({self.method})"
+
+    def accepts(self, problem: SAP) -> str | None:
+        """None, or the reason why the method does not take the problem."""
+        checks: dict[str, Callable[[SAP], str | None]] = {
+            "network": network.accepts, "milp": milp.accepts, "qap": qap.accepts, "dp": dp.accepts
+        }  # fmt: skip
+        return checks[self.method](problem)
+
+    def plan(self, problem: SAP, run: Run) -> Outcome:
+        """Solve the problem."""
+        reason = self.accepts(problem)
+        if reason:
+            raise ValueError(f"Exact(method={self.method!r}): {reason}")
+        methods = {"network": self._network, "milp": self._milp, "qap": self._qap, "dp": self._dp}
+        return methods[self.method](problem, run)
+
+    def _network(self, problem: SAP, run: Run) -> Outcome:
+        state = search.solve(problem, run, self.tolerance, self.reduced_costs)
+        return self._outcome(problem, run, state.best, state.bound, state.trace, state.prices)
+
+    def _milp(self, problem: SAP, run: Run) -> Outcome:
+        cp = milp.require_cvxpy()
+        best = warm.incumbent(problem, run, 0.1 * run.seconds_left)
+        compiled = milp.compile(problem)
+        options: dict[str, Any] = {"mip_rel_gap": self.tolerance, "mip_abs_gap": 1e-9}
+        if np.isfinite(run.seconds_left):
+            options["time_limit"] = max(run.seconds_left, 1e-3)
+        try:
+            compiled.problem.solve(solver=cp.HIGHS, **options)
+        except cp.error.SolverError as error:
+            raise SolverError(f"HiGHS failed through cvxpy: {error}") from None
+        if compiled.problem.status in ("infeasible", "infeasible_or_unbounded"):
+            raise InfeasibleError(infeasible.explain(problem, network.compile(problem)))
+        bound = np.inf
+        solved = compiled.problem.value
+        if solved is not None and np.isfinite(solved) and compiled.x[0].value is not None:
+            best = best.better(problem, milp.recover(compiled))
+            statistics = compiled.problem.solver_stats.extra_stats
+            # cvxpy minimises the negative; its constant is in neither of the two numbers
+            bound = float(solved) + statistics.objective_function_value - statistics.mip_dual_bound
+        return self._outcome(problem, run, best, bound)
+
+    def _qap(self, problem: SAP, run: Run) -> Outcome:
+        best = warm.incumbent(problem, run, 0.1 * run.seconds_left)
+        compiled = qap.compile(problem)
+        answer = maximise(
+            compiled.programme(), seconds=run.seconds_left, tolerance=self.tolerance,
+            watch=lambda value, bound: run.report(run.seconds, run.time_limit or 0.0, value, bound, "qap"),
+        )  # fmt: skip
+        if answer.ending is Ending.INFEASIBLE:
+            raise InfeasibleError(infeasible.explain(problem, network.compile(problem)))
+        if answer.x is not None:
+            best = best.better(problem, qap.recover(compiled, qap.locations_of(compiled, answer.x)))
+        return self._outcome(problem, run, best, answer.bound)
+
+    def _dp(self, problem: SAP, run: Run) -> Outcome:
+        plan = dp.best_plan(problem, run)
+        if plan is not None:
+            best = warm.Incumbent().better(problem, plan)
+            return self._outcome(problem, run, best, best.value)
+        return self._outcome(problem, run, warm.incumbent(problem, Run(run.seed), 10.0), np.inf)
+
+    def _outcome(
+        self,
+        problem: SAP,
+        run: Run,
+        best: warm.Incumbent,
+        bound: float,
+        trace: list[dict[str, Any]] | None = None,
+        prices: FloatArray | None = None,
+    ) -> Outcome:
+        slack = self.tolerance * max(1.0, abs(best.value))
+        if best.plan is not None and bound - best.value <= slack:
+            status = Status.OPTIMAL
+        elif run.stopped:
+            status = Status.INTERRUPTED
+        elif run.expired:
+            status = Status.TIME_LIMIT
+        else:
+            status = Status.FEASIBLE
+        plan: IntArray | None = best.plan
+        if plan is None:
+            raise SolverError(f"{self.name} found no plan in {run.seconds:.3g} s; give it more time")
+        # The solver's own rounding may put its bound a hair below the value of the plan.
+        limit = max(bound, best.value) if np.isfinite(bound) else None
+        return Outcome(plan, status, limit, prices, trace or [])

@@ -1,0 +1,231 @@
+"""Search over the time-expanded network: prices, reduced-cost fixing, neighbourhoods, and a mixed-integer programme.
+
+With prices that prove the bound D, a plan that uses an arc of regret r is worth at most D - r. So all plans worth more than
+D - delta live on the arcs of regret below delta, a small share of the network if the prices are good. The search guesses a small
+delta and solves the rest exactly: either the best plan found is worth at least D - delta, and is optimal, or D - delta is a
+better bound and delta grows, at most to the gap of the incumbent. On large problems neighbourhoods of the incumbent (some agents,
+or all agents in some steps, free) are solved first, over the same arcs.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sapopt.control import Run
+from sapopt.feasibility import InfeasibleError
+from sapopt.formulations import network as formulation
+from sapopt.formulations.highs import Answer, Ending, maximise
+from sapopt.formulations.network import Network
+from sapopt.problem import SAP
+from sapopt.solvers.exact import warm
+from sapopt.solvers.exact.infeasible import explain
+from sapopt.types import FloatArray, IntArray
+
+log = logging.getLogger(__name__)
+
+_LARGE = 2500
+"""Arcs within the gap beyond which neighbourhoods pay."""
+_FIRST = 1e-4
+"""First guess of the gap, relative to the bound."""
+
+
+@dataclass(eq=False)
+class State:
+    """What is known so far.
+
+    Attributes
+    ----------
+    best : Incumbent
+    bound : float
+        No plan is worth more.
+    trace : list of dict
+    prices : ndarray or None
+        Prices, while it is they that prove the bound.
+    """
+
+    best: warm.Incumbent
+    bound: float
+    trace: list[dict[str, Any]]
+    prices: FloatArray | None = None
+
+
+class Search:
+    """One run of the network method."""
+
+    def __init__(self, problem: SAP, run: Run, tolerance: float, fix: bool) -> None:
+        self.problem = problem
+        self.run = run
+        self.tolerance = tolerance
+        self.fix = fix
+        self.network: Network = formulation.compile(problem)
+        self.state = State(warm.Incumbent(), np.inf, [])
+
+    def solve(self) -> State:
+        """Run all phases; ends early when the time is up, keeping what is known."""
+        state = self.state
+        try:
+            self._start()
+            if not self.proven and not self.run.expired:
+                self._stages()
+        except KeyboardInterrupt:
+            self.run.stopped = True
+        if state.best.plan is None and np.isneginf(state.bound):
+            raise InfeasibleError(explain(self.problem, self.network))
+        return state
+
+    @property
+    def proven(self) -> bool:
+        """Whether bound and value meet."""
+        return self.state.bound - self.state.best.value <= self.slack
+
+    @property
+    def slack(self) -> float:
+        """Gap that counts as none."""
+        return self.tolerance * max(1.0, abs(self.state.best.value))
+
+    def note(self, phase: str, bound: float | None = None, plan: IntArray | None = None) -> None:
+        """Take over a bound or a plan, and report."""
+        state = self.state
+        state.best = state.best.better(self.problem, plan)
+        if bound is not None and bound < state.bound:
+            state.bound, state.prices = bound, None
+        # a bound below the incumbent is the solver's rounding
+        state.bound = max(state.bound, state.best.value)
+        record = {"phase": phase, "seconds": self.run.seconds, "value": state.best.value, "bound": state.bound}
+        state.trace.append(record)
+        log.debug("%(phase)s %(seconds).2f s: value %(value).9g, bound %(bound).9g", record)
+        self.run.report(self.run.seconds, self.run.time_limit or 0.0, state.best.value, state.bound, phase)
+
+    def _start(self) -> None:
+        left = self.run.seconds_left
+        self.state.best = warm.incumbent(self.problem, self.run, min(0.1 * left, 20.0))
+        self.note("heuristics")
+        T, n, m = self.network.shape
+        effort = 0.05 + self.network.arcs / 1000
+        self.prices = warm.price(
+            self.problem, self.network, self.run, self.state.best.value, min(0.15 * left, effort)
+        )
+        if not np.isfinite(self.prices.bound):
+            self.note("prices", -np.inf)
+            return
+        self.note("prices", self.prices.bound)
+        if self.state.bound == self.prices.bound:
+            self.state.prices = self.prices.prices
+
+    def _within(self, delta: float) -> np.ndarray:
+        return self.prices.regret <= delta + 1e-7 * max(1.0, abs(self.prices.bound))
+
+    def _gap(self) -> float:
+        """All better plans than the incumbent live on arcs of at most this regret."""
+        return self.prices.bound - self.state.best.value if self.fix else np.inf
+
+    def _stages(self) -> None:
+        if int(self._within(self._gap()).sum()) > _LARGE:
+            plan = warm.decomposition(self.problem, self.run, min(0.1 * self.run.seconds_left, 60.0))
+            self.note("decomposition", plan=plan)
+            self._neighbourhoods(0.5)
+        delta = _FIRST * max(1.0, abs(self.prices.bound)) if self.fix else np.inf
+        last = False
+        while not self.proven and not self.run.expired:
+            last = 2 * delta >= min(self._gap(), 0.05 * max(1.0, abs(self.prices.bound)))
+            if last:
+                delta = self._gap()
+            ended = self._programme(delta, self.run.seconds_left if last else 0.4 * self.run.seconds_left)
+            if last or not ended:
+                break
+            delta *= 3
+        if not self.proven and not self.run.expired and not last:
+            self._programme(self._gap(), self.run.seconds_left)
+
+    def _programme(self, delta: float, seconds: float) -> bool:
+        """Solve the arcs of regret up to `delta`. Returns whether the search came to its end."""
+        gap = self._gap()
+        keep = self._within(delta)
+        floor = self.prices.bound - delta if np.isfinite(delta) else -np.inf
+        cutoff, start = floor, None
+        if delta >= gap:
+            cutoff = self.state.best.value
+        if delta >= gap and self.state.best.plan is not None:
+            path = self.network.follow(self.state.best.plan) > 0.5
+            keep |= path
+            start = path[keep].astype(np.float64)
+            cutoff = -np.inf
+        answer = self._solve(keep, seconds, cutoff=cutoff, start=start)
+        if answer.ending is Ending.INFEASIBLE:
+            self.note("programme", -np.inf if self.state.best.plan is None else self.state.best.value)
+            return True
+        plan = None if answer.x is None else formulation.recover(self.network, answer.x, keep)
+        # Plans over other arcs are worth at most `floor`; below the cut-off the solver says nothing.
+        self.note("programme", max(answer.bound, floor), plan)
+        return answer.ending is Ending.OPTIMAL
+
+    def _solve(self, keep: np.ndarray, seconds: float, watched: bool = True, **options: Any) -> Answer:
+        def watch(value: float, bound: float) -> bool:
+            best = self.state.best.value
+            return self.run.report(
+                self.run.seconds, self.run.time_limit or 0.0, best, self.state.bound, "programme"
+            )
+
+        return maximise(
+            self.network.programme(keep), seconds=seconds, tolerance=self.tolerance,
+            watch=watch if watched else None, **options,
+        )  # fmt: skip
+
+    def _neighbourhoods(self, share: float) -> None:
+        """Improve the incumbent: free some agents, or some steps, and solve exactly; grow them when nothing improves."""
+        T, n, _ = self.network.shape
+        rng = self.run.rng
+        seconds = share * self.run.seconds_left if np.isfinite(self.run.seconds_left) else 600.0
+        stop_at = self.run.seconds + seconds
+        agents, steps = min(n, 6), min(T, 6)
+        failures = 0
+        while self.state.best.plan is not None and not self.proven:
+            left = min(stop_at - self.run.seconds, self.run.seconds_left)
+            if left <= 0 or self.run.expired or (agents >= n and steps >= T):
+                break
+            free = np.zeros((T, n), dtype=bool)
+            if rng.random() < 0.5:
+                free[:, rng.choice(n, agents, replace=False)] = True
+            else:
+                first = int(rng.integers(1 - steps // 2, T - steps // 2))
+                free[max(first, 0) : first + steps] = True
+            before = self.state.best.value
+            hard = self._improve(free, min(left, max(2.0, 0.05 * seconds)))
+            if self.state.best.value > before:
+                failures = 0
+                continue
+            failures += 1
+            if hard:
+                agents, steps = max(agents - 1, 2), max(steps - 1, 2)
+            elif failures > 10:
+                agents, steps, failures = min(agents + 1, n), min(steps + 1, T), 0
+
+    def _improve(self, free: np.ndarray, seconds: float) -> bool:
+        """Solve one neighbourhood of the incumbent. Returns whether the time was too short for it."""
+        plan = self.state.best.plan
+        assert plan is not None
+        net = self.network
+        T, n, m = net.shape
+        path = net.follow(plan) > 0.5
+        taken = np.zeros(T * m, dtype=bool)
+        fixed = ~free
+        taken[(np.arange(T)[:, None] * m + plan)[fixed]] = True
+        keep = self._within(min(self._gap(), 0.003 * abs(self.prices.bound)))
+        keep &= free[net.step, net.agent] | (net.slot < 0)
+        keep &= (net.slot < 0) | ~taken[net.slot]
+        keep |= path
+        answer = self._solve(keep, seconds, watched=False, start=path[keep].astype(np.float64))
+        if answer.x is not None:
+            found = formulation.recover(net, answer.x, keep)
+            if not np.array_equal(found, plan):
+                self.note("neighbourhood", plan=found)
+        return answer.ending is not Ending.OPTIMAL
+
+
+def solve(problem: SAP, run: Run, tolerance: float, fix: bool = True) -> State:
+    """Solve over the network; see the module."""
+    return Search(problem, run, tolerance, fix).solve()
