@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.ticker import FuncFormatter
 
 if TYPE_CHECKING:
     from sapopt.problem import SAP
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _BAR, _BEST, _BOUND, _MUTED = "#9DB8CF", "#0072B2", "#D55E00", "#666666"
 _IDLE = "#E4E4E4"
+_SMALLEST_GAP = 0.001  # percent; a gap of zero has no place on a logarithmic scale
 _BLUES = LinearSegmentedColormap.from_list("held", ["#D6E6F2", "#0072B2", "#06304D"])
 
 
@@ -202,51 +204,56 @@ def timeline(
 
 
 def gap_trace(result: Result, ax: Axes | None = None) -> Axes:
-    """Draw how the bound fell and the incumbent rose while a planner ran.
+    """Draw how the proven gap between the bound and the best plan closed while a planner ran.
 
     Parameters
     ----------
     result : Result
-        With a trace whose records hold ``seconds`` and ``bound`` or ``value``.
+        With a trace whose records hold ``seconds``, ``bound`` and ``value``.
     ax : Axes, optional
 
     Returns
     -------
     Axes
+        Seconds against the gap in percent of the bound, on a logarithmic scale down to 0.001 %.
 
     Raises
     ------
     ValueError
         If the trace holds no bound; policies decide step by step and have none.
     """
-    if not any(record.get("bound") is not None for record in result.trace):
+    known = [r for r in result.trace if r.get("bound") and r.get("value") is not None]
+    if not known:
         raise ValueError(f"result: the trace of {result.solver} holds no bounds; gap_trace is for planners")
-    ax = _axes(ax, (7.2, 3.6))
-    shown = []
-    for key, color, label in (("bound", _BOUND, "proven bound"), ("value", _BEST, "best plan")):
-        points = [(r["seconds"], r[key]) for r in result.trace if r.get(key) is not None]
-        if points:
-            x, y = np.array(points, dtype=float).T
-            # An incumbent and a bound hold until a better one is found.
-            ax.step(x, y, where="post", color=color, lw=1.8, label=f"{label}: {y[-1]:,.1f}")
-            shown.append(y)
-    last = [y[-1] for y in shown]
-    # The first bounds are far off; show the last nine tenths of the run's way, where the gap closes.
-    tail = np.concatenate([y[len(y) // 10 :] for y in shown])
-    margin = 0.05 * max(tail.max() - tail.min(), 1e-9)
-    ax.set_ylim(tail.min() - margin, tail.max() + margin)
-    if len(last) == 2 and last[0]:
-        ax.set_title(
-            f"{_name(result)}: gap {100 * (last[0] - last[1]) / abs(last[0]):.3f} %",
-            fontsize=9,
-            loc="left",
-            color=_MUTED,
-        )
+    seconds = np.array([r["seconds"] for r in known])
+    bound = np.minimum.accumulate([r["bound"] for r in known])
+    value = np.maximum.accumulate([r["value"] for r in known])
+    gap = np.maximum(100 * (bound - value) / np.abs(bound), _SMALLEST_GAP)
+    ax = _axes(ax, (7.2, 3.4))
+    ax.step(seconds, gap, where="post", color=_BEST, lw=1.8)
+    ax.plot(seconds[-1], gap[-1], "o", color=_BEST, ms=5)
+    ax.annotate(
+        f"{gap[-1]:.3f} %" if gap[-1] > _SMALLEST_GAP else f"at most {_SMALLEST_GAP} %",
+        (seconds[-1], gap[-1]),
+        xytext=(0, 8),
+        textcoords="offset points",
+        ha="right",
+        color=_BEST,
+    )
+    ax.set_yscale("log")
+    ax.set_ylim(gap.min() / 2, gap.max() * 2)
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda percent, _: f"{percent:g} %"))
+    ax.set_title(
+        f"{_name(result)}: best plan {value[-1]:,.1f}, proven bound {bound[-1]:,.1f}",
+        fontsize=9,
+        loc="left",
+        color=_MUTED,
+    )
+    ax.set_xlim(left=0)
     ax.set_xlabel("seconds")
-    ax.set_ylabel("value")
+    ax.set_ylabel("proven gap")
     ax.grid(axis="y", color="#EEEEEE")
     ax.set_axisbelow(True)
-    ax.legend(frameon=False, fontsize=9, loc="center right")
     _despine(ax)
     return ax
 

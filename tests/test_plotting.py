@@ -96,14 +96,17 @@ def test_timeline(ax: Axes, problem: SAP, results: dict[str, Result]) -> None:
 
 
 def test_gap_trace(ax: Axes, results: dict[str, Result]) -> None:
-    """The last bound and the last value of the trace are in the legend."""
-    trace = [{"seconds": s, "bound": 20.0 - s, "value": None if s < 2 else 10.0 + s} for s in range(5)]
+    """The gap of the best bound and the best plan so far, from the first plan on; never below the scale."""
+    trace = [
+        {"seconds": 0.0, "bound": 30.0, "value": None},
+        {"seconds": 1.0, "bound": 25.0, "value": 10.0},
+        {"seconds": 2.0, "bound": 20.0, "value": 8.0},
+        {"seconds": 3.0, "bound": 20.0, "value": 20.0},
+    ]
     plotting.gap_trace(dataclasses.replace(results["HAA"], trace=trace), ax)
     draw(ax)
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
-        "proven bound: 16.0",
-        "best plan: 14.0",
-    ]
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), [[1.0, 60.0], [2.0, 50.0], [3.0, 0.001]])
+    assert "proven bound 20.0" in ax.get_title(loc="left")
 
 
 def test_without_axes() -> None:
