@@ -212,7 +212,7 @@ def rollout(
             began = run.seconds
             outlook = Outlook(k, windows.end, state, problem, windows, parking)
             tasks, memory = policy.act(outlook, memory)
-            plan[k] = tasks
+            plan[k] = problem.check_assignment(tasks, k)
             gain = _step_value(problem, k, state, plan[k])
             total += gain
             done, state = k + 1, problem.transition(k, state, plan[k])

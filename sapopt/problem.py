@@ -181,17 +181,31 @@ class SAP:
         tasks = index_array(plan, "plan")
         if tasks.shape != (self.T, self.n):
             raise ValueError(f"plan must have shape (T, n) = {(self.T, self.n)}, got {tasks.shape}")
+        self._check_tasks(tasks, 0)
+        return tasks
+
+    def check_assignment(self, assignment: Any, k: int) -> IntArray:
+        """The assignment of step k as an int64 array, or a ValueError that says what is wrong with it."""
+        tasks = index_array(assignment, f"assignment at step {k}")
+        if tasks.shape != (self.n,):
+            raise ValueError(f"assignment at step {k} must have shape (n,) = ({self.n},), got {tasks.shape}")
+        self._check_tasks(tasks[None], k)
+        return tasks
+
+    def _check_tasks(self, tasks: IntArray, first: int) -> None:
+        """Check the tasks (steps, n) of the steps from `first` on."""
         if tasks.min() < 0 or tasks.max() >= self.m:
             k, i = (int(x) for x in np.argwhere((tasks < 0) | (tasks >= self.m))[0])
-            raise ValueError(f"plan: task {tasks[k, i]} of agent {i} at step {k} is outside 0..{self.m - 1}")
+            raise ValueError(
+                f"plan: task {tasks[k, i]} of agent {i} at step {first + k} is outside 0..{self.m - 1}"
+            )
         ordered = np.sort(tasks, axis=1)
         twice = np.argwhere(ordered[:, 1:] == ordered[:, :-1])
         if len(twice):
             k = int(twice[0, 0])
             task = int(ordered[k, twice[0, 1]])
             agents = ", ".join(map(str, np.flatnonzero(tasks[k] == task)))
-            raise ValueError(f"plan: task {task} is given to agents {agents} at step {k}")
-        return tasks
+            raise ValueError(f"plan: task {task} is given to agents {agents} at step {first + k}")
 
     @cached_property
     def fingerprint(self) -> str:
