@@ -59,7 +59,7 @@ def _message(error: Exception) -> str | None:
     """One line for an error that the user can mend, None for one that is ours."""
     if hasattr(error, "format_message"):  # a usage error of the argument parser
         text = str(error.format_message())
-    elif isinstance(error, ValueError | OSError):
+    elif isinstance(error, ValueError | OSError | ImportError):  # an import fails where an extra is missing
         text = str(error)
     else:
         return None

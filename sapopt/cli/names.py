@@ -27,8 +27,11 @@ _ALL = (
     Method("greedy", "Greedy", "agent by agent, the task that is best now"),
     Method("haa", "HAA", "Algorithm 1: the best assignment of each step, handovers charged"),
     Method("haal", "HAAL", "Algorithm 2: HAA with lookahead L", "lookahead", 3),
+    Method("haal-d", "HAALD", "Algorithm 3: HAAL by auctions between the agents", "lookahead", 3),
+    Method("cbba", "CBBA", "consensus-based bundle algorithm between the agents", "lookahead", 1),
     Method("dual-lookahead", "DualLookahead", "receding horizon of W steps with task prices", "window", 6),
     Method("dual-decomposition", "DualDecomposition", "the whole horizon with task prices; proves a bound"),
+    Method("exact", "Exact", "an optimal plan, if time allows; proves a bound"),
 )
 
 METHODS = tuple(m for m in _ALL if hasattr(sapopt.solvers, m.class_name))  # while solvers are being added
