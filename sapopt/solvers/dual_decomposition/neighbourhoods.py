@@ -14,7 +14,12 @@ from numba import njit
 from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
 from sapopt.solvers.dual_decomposition.network import Network, restricted_network, solve_network
 
-_REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35)
+_REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
+"""Ladder of regrets, in typical benefits. Long windows with small regrets pay more than short ones with large."""
+
+_GROUP_REGRET = 0.18
+"""Where all agents' network does not fit at this regret, they are split into groups."""
+
 _SMALL_PROBLEM = 6
 
 
@@ -92,18 +97,17 @@ def _improve_window(
     everyone = np.arange(arrays.agents)
     parking = _parking(arrays, plan, first, last, effort.parking, rng)
     scale = _scale(arrays, first, last)
-    network = _fitting(arrays, plan, prices, everyone, first, last, scale, parking, effort.arcs)
-    if len(network.tail) <= effort.arcs:
+    network = restricted_network(arrays, plan, prices, everyone, first, last, _GROUP_REGRET * scale, parking)
+    arcs = len(network.tail)
+    if arcs <= 2 * effort.arcs:
         groups = [everyone]
     else:
-        size = max(2, int(arrays.agents * effort.arcs / len(network.tail)))
-        groups = _groups(network, arrays.agents, arrays.tasks, size, rng)
+        groups = _groups(network, arrays.agents, arrays.tasks, 1 + arrays.agents * effort.arcs // arcs, rng)
     value = arrays.value(plan)
     for group in groups:
         if seconds_left() <= 0:
             break
-        if len(groups) > 1:
-            network = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
+        network = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
         found = solve_network(network, plan, arrays.tasks, seconds=max(seconds_left(), 0.01))
         if found is not None:
             found_value = arrays.value(found)

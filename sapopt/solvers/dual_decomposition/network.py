@@ -19,7 +19,7 @@ from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, looku
 
 @njit(cache=True, nogil=True)
 def _candidates(kernel, i, plan, prices, first, last, parking, local, tasks):  # type: ignore[no-untyped-def]
-    """Collect in ``tasks`` those that agent i may use: those it sees or holds in the window and ``parking``; return how many.
+    """Collect in ``tasks`` what agent i may use, the seen, the held and ``parking``; return how many.
 
     ``local`` (m,) maps a task to its place in ``tasks`` (-1: absent) and must come in as -1 everywhere.
     """

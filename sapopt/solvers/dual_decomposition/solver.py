@@ -22,7 +22,7 @@ from sapopt.solvers.haal import HAA
 
 log = logging.getLogger(__name__)
 
-_EFFORTS = (Effort(6, 8_000), Effort(8, 12_000), Effort(12, 16_000), Effort(16, 20_000), Effort(20, 24_000))
+_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
 """Windows of the successive rounds, from small ones that go fast to large ones; the last one is repeated."""
 
 _DUAL_SHARE = 0.35
