@@ -45,6 +45,11 @@ class NamedSolver:
     solver: Any
 
 
+def is_offered(spec: str) -> bool:
+    """Whether the library has the solver of a specification."""
+    return spec.partition(":")[0] in {method.name for method in METHODS}
+
+
 def methods_help() -> str:
     """The solver names on one line."""
     return ", ".join(m.name if m.parameter is None else f"{m.name}:{m.parameter[0].upper()}" for m in METHODS)
