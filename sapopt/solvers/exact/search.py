@@ -125,13 +125,14 @@ class Search:
 
     def _stages(self) -> None:
         if int(self._within(self._gap()).sum()) > _LARGE:
-            plan = warm.decomposition(self.problem, self.run, min(0.1 * self.run.seconds_left, 60.0))
+            seconds = min(0.1 * self.run.seconds_left, 0.5 + self.network.arcs / 4000)
+            plan = warm.decomposition(self.problem, self.run, seconds)
             self.note("decomposition", plan=plan)
             self._neighbourhoods(0.5)
         delta = _FIRST * max(1.0, abs(self.prices.bound)) if self.fix else np.inf
         last = False
         while not self.proven and not self.run.expired:
-            last = 2 * delta >= min(self._gap(), 0.05 * max(1.0, abs(self.prices.bound)))
+            last = 4 * delta >= min(self._gap(), 0.05 * max(1.0, abs(self.prices.bound)))
             if last:
                 delta = self._gap()
             ended = self._programme(delta, self.run.seconds_left if last else 0.4 * self.run.seconds_left)
