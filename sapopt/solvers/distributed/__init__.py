@@ -3,6 +3,7 @@
 from sapopt.solvers.distributed.auction import AuctionResult, DistributedAuction
 from sapopt.solvers.distributed.cbba import CBBA
 from sapopt.solvers.distributed.common import Memory
+from sapopt.solvers.distributed.dual import DistributedDualLookahead
 from sapopt.solvers.distributed.faults import Cut, Faults
 from sapopt.solvers.distributed.haal_d import HAALD, CentralHAALD
 from sapopt.solvers.distributed.network import Network, Networks
@@ -16,6 +17,7 @@ __all__ = [
     "CentralHAALD",
     "Cut",
     "DistributedAuction",
+    "DistributedDualLookahead",
     "Faults",
     "Memory",
     "Network",

@@ -122,9 +122,7 @@ def _range(row: GainMatrix) -> float:
     return float(gains.max() - gains.min()) + 1.0
 
 
-def _phases(
-    rows: Sequence[GainMatrix], epsilon: float, scaling: float | None, n: int, m: int
-) -> list[float]:
+def _phases(rows: Sequence[GainMatrix], epsilon: float, scaling: float | None, n: int, m: int) -> list[float]:
     """Epsilon of every phase; one phase without scaling.
 
     With scaling, prices outlive a phase, so that tasks nobody wants any more may keep a price. Virtual bidders make the
@@ -230,7 +228,9 @@ class DistributedAuction:
             if not (np.isfinite(self.scaling) and self.scaling > 1):
                 raise ValueError(f"scaling must be a factor above 1, got {self.scaling!r}")
             if self.allow_disconnected or (self.faults is not None and self.faults.splits):
-                raise ValueError("scaling needs a network that stays connected; leave it out where parts may split off")
+                raise ValueError(
+                    "scaling needs a network that stays connected; leave it out where parts may split off"
+                )
 
     @property
     def name(self) -> str:
@@ -269,9 +269,13 @@ class DistributedAuction:
             raise InfeasibleError(reason)
         done = run_auctions([rows], scene, self.epsilon, self.max_rounds, scaling=self.scaling)
         if not done.agreed.all():
-            raise ValueError(f"max_rounds = {self.max_rounds} rounds are too few; raise it, epsilon, or use scaling")
+            raise ValueError(
+                f"max_rounds = {self.max_rounds} rounds are too few; raise it, epsilon, or use scaling"
+            )
         tasks = done.tasks[0]
-        return AuctionResult(tasks, rows.value(tasks), done.prices[0], done.bidders[0], scene.simulator.traffic())
+        return AuctionResult(
+            tasks, rows.value(tasks), done.prices[0], done.bidders[0], scene.simulator.traffic()
+        )
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> Memory:
         """Check the graphs."""
@@ -297,7 +301,9 @@ def _one_step(matrix: Any) -> GainMatrix:
     if len(values.shape) != 2 or 0 in values.shape:
         raise ValueError(f"matrix must have shape (n, m), got {values.shape}")
     if values.shape[0] > values.shape[1]:
-        raise ValueError(f"{values.shape[0]} agents cannot each have one of {values.shape[1]} tasks; add idle tasks")
+        raise ValueError(
+            f"{values.shape[0]} agents cannot each have one of {values.shape[1]} tasks; add idle tasks"
+        )
     data = values.data if sp.issparse(values) else values
     if np.isnan(data).any() or np.isposinf(data).any():
         raise ValueError("matrix contains NaN or +inf; use -inf for a forbidden pair")

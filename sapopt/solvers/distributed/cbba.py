@@ -4,16 +4,16 @@ An agent's bundle holds at most one task for every step of the window, L in all.
 benefit less the handovers that it adds to the agent's path, from the task before it and to the task after it; steps
 without a task change nothing, the agent waits where it is.
 
-**Diminishing marginal gain.** CBBA converges if a slot is never worth more to an agent because of what its bundle already
-holds. The handover score breaks that: once task j at step t + 1 is in the bundle and its handover is paid, the same task
-at step t costs no handover more, so it gains the whole benefit instead of the benefit less the cost. Agents therefore
-choose by the true gain but announce ``min(gain, bid announced before)`` (Johnson, Choi, Ponda and How, 2012), so that the
-announced bids behave as if the gain were diminishing.
+**Diminishing marginal gain.** CBBA converges if a slot is never worth more to an agent because of what its bundle
+already holds. The handover score breaks that: once task j at step t + 1 is in the bundle and its handover is paid, the
+same task at step t costs no handover more, so it gains the whole benefit instead of the benefit less the cost. Agents
+therefore choose by the true gain but announce ``min(gain, bid announced before)`` (Johnson, Choi, Ponda and How, 2012),
+so that the announced bids behave as if the gain were diminishing.
 
 **Free of conflicts, always.** After the consensus the agents tell each other, in a diameter of rounds, which task they
 claim for the current step, with the bid, and which task they hold. All then apply the same rule to the same claims: the
-highest bid has the task, equal bids the lower number; who has no task keeps the one it holds if nobody has it, and else,
-in ascending order, takes the lowest free one. So no task is given twice even if the consensus was stopped early.
+highest bid has the task, equal bids the lower number; who has no task keeps the one it holds if nobody has it, and
+else, in ascending order, takes the lowest free one. So no task is given twice even if the consensus was stopped early.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES
 from sapopt.types import FloatArray, IntArray
 
 _STAMP_BYTES = 4
-_CLAIM_BYTES = 16
+CLAIM_BYTES = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,9 @@ class CBBA:
                 "use HAALD"
             )
         if problem.benefits.forbids():
-            raise ValueError("benefits: CBBA parks idle agents on any free task and knows no forbidden pairs; use HAALD")
+            raise ValueError(
+                "benefits: CBBA parks idle agents on any free task, but pairs are forbidden; use HAALD"
+            )
         seed = int(rng.integers(2**62))
         return common.begin(problem, self.graph, self.allow_disconnected, self.faults, seed)
 
@@ -96,7 +98,7 @@ class CBBA:
         """Build bundles, agree on the winners, execute the current step."""
         scene = common.open_step(outlook, memory, self.allow_disconnected, self.faults)
         claimed, bids = self._consensus(outlook, scene)
-        scene.simulator.flood(np.full(outlook.problem.n, _CLAIM_BYTES))
+        scene.simulator.flood(np.full(outlook.problem.n, CLAIM_BYTES))
         tasks = settle(claimed, bids, memory.held, scene.component, scene.open_tasks)
         tasks[scene.dead] = memory.held[scene.dead]
         return tasks, common.close_step(scene, memory, tasks, np.ones(len(tasks), dtype=bool))
@@ -131,7 +133,9 @@ class CBBA:
             # Slots without a winner need not be sent: what is missing has none.
             sizes = HEADER_BYTES + _STAMP_BYTES * n + ENTRY_BYTES * (z >= 0).sum(axis=1)
             changed = np.zeros(n, dtype=bool)
-            consensus_phase(network.link_start, network.links, r, disputed(y, z), y, z, stamps, *sent, changed)
+            consensus_phase(
+                network.link_start, network.links, r, disputed(y, z), y, z, stamps, *sent, changed
+            )
             return sizes, changed | bundles()
 
         bundles()

@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Compiled phases of CBBA for all agents at once.
 
-A *slot* is a task at a step of the window, number ``t * m + j``. Agent i knows of every slot the winning bid ``y[i]`` and
-the winner ``z[i]`` (-1: nobody), and of every agent the round ``s[i]`` of its latest news.
+A *slot* is a task at a step of the window, number ``t * m + j``. Agent i knows of every slot the winning bid ``y[i]``
+and the winner ``z[i]`` (-1: nobody), and of every agent the round ``s[i]`` of its latest news.
 """
 
 from __future__ import annotations
@@ -136,7 +136,9 @@ def release(i, m, y, z, path, order, count):
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def bundle_phase(n, m, steps, indptr, indices, data, held, cost, open_task, y, z, path, order, bids, count, changed):
+def bundle_phase(
+    n, m, steps, indptr, indices, data, held, cost, open_task, y, z, path, order, bids, count, changed
+):
     """Release what was lost and build on, every agent."""
     for i in prange(n):
         kept = release(i, m, y[i], z[i], path[i], order[i], count[i])

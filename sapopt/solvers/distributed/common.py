@@ -28,6 +28,7 @@ from sapopt.types import IntArray
 log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 20_000
+_NO_TRAFFIC = Traffic()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class Memory:
     seed: int
     held: IntArray
     keeper: IntArray
-    traffic: Traffic = Traffic()
+    traffic: Traffic = _NO_TRAFFIC
     extra: Any = None
 
 
@@ -142,7 +143,9 @@ def open_step(outlook: Outlook, memory: Memory, allow_disconnected: bool, faults
     return Scene(network, simulator, component, open_tasks, dead)
 
 
-def close_step(scene: Scene, memory: Memory, tasks: IntArray, agreed: np.ndarray, extra: Any = None) -> Memory:
+def close_step(
+    scene: Scene, memory: Memory, tasks: IntArray, agreed: np.ndarray, extra: Any = None
+) -> Memory:
     """Memory after the step; `tasks` are the executed ones, `agreed` tells whose part came to an agreement."""
     assert len(np.unique(tasks)) == len(tasks), "two agents on one task"
     if not agreed.all():

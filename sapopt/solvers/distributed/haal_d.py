@@ -82,7 +82,9 @@ def best_sequence(
                 after = outlook.model.transition(k, after, tasks)
             total = added + best(end, after)[1]
             # Equal sequences: the shortest first interval, as in HAAL.
-            better = (total > -np.inf) & ((cut < 0) | (total > top + _TIE * np.abs(np.where(cut < 0, 0.0, top))))
+            better = (total > -np.inf) & (
+                (cut < 0) | (total > top + _TIE * np.abs(np.where(cut < 0, 0.0, top)))
+            )
             cut, top = np.where(better, end, cut), np.where(better, total, top)
         if key is not None:
             known[key] = cut, top

@@ -103,7 +103,9 @@ class Network:
         import scipy.sparse as sp
         from scipy.sparse.csgraph import connected_components
 
-        graph = sp.csr_array((np.ones(len(self.links), np.int8), self.links, self.link_start), shape=(self.n,) * 2)
+        graph = sp.csr_array(
+            (np.ones(len(self.links), np.int8), self.links, self.link_start), shape=(self.n,) * 2
+        )
         labels: IntArray = connected_components(graph, directed=False)[1].astype(np.int64)
         return labels
 

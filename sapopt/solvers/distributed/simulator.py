@@ -102,7 +102,9 @@ class Simulator:
         row, origin = np.nonzero(reached)
         weight = np.asarray(sizes, dtype=np.float64)[origin]
         key = distances[reached].astype(np.int64) * n + row
-        profile = np.bincount(key, weights=weight, minlength=(rounds + 1) * n)[: (rounds + 1) * n].reshape(-1, n)
+        profile = np.bincount(key, weights=weight, minlength=(rounds + 1) * n)[: (rounds + 1) * n].reshape(
+            -1, n
+        )
         # What is learnt in the last round need not be passed on.
         profile = profile[:rounds].astype(np.int64)
         self.deliver(profile + HEADER_BYTES * (profile > 0))
@@ -167,7 +169,9 @@ def synchronise(
     source, target, back = network.sources, network.links.astype(np.int64), network.reverse
     count = len(source)
     # Bytes of the packets 1..r of an agent; a packet at least fills a header.
-    total = np.concatenate([[np.zeros(network.n, np.int64)], np.cumsum(np.maximum(profile, HEADER_BYTES), axis=0)])
+    total = np.concatenate(
+        [[np.zeros(network.n, np.int64)], np.cumsum(np.maximum(profile, HEADER_BYTES), axis=0)]
+    )
     clock = np.zeros(network.n, dtype=np.int64)  # rounds whose packets are all heard
     heard = np.zeros(count, dtype=np.int64)  # by the receiver of a link
     acknowledged = np.zeros(count, dtype=np.int64)  # as its sender knows

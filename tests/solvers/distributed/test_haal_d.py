@@ -1,0 +1,185 @@
+"""HAAL-D: its intervals against the centralised twin, both knowledge models, and bad input."""
+
+from typing import Any
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sapopt import SAP, SwitchingCost
+from sapopt.assignment import best_assignment
+from sapopt.benefits import Benefits
+from sapopt.outlook import Outlook, WindowSums, rollout
+from sapopt.solvers import HAA, HAALD, CentralHAALD, DistributedAuction
+from sapopt.solvers.distributed import Faults, Network, Simulator, play
+from sapopt.solvers.distributed.common import Scene
+from sapopt.solvers.distributed.haal_d import contributions, interval_problems
+
+problems = st.fixed_dictionaries(
+    {
+        "n": st.integers(1, 6),
+        "extra": st.integers(0, 4),
+        "steps": st.integers(1, 4),
+        "seed": st.integers(0, 10_000),
+        "sparse": st.booleans(),
+        "initial": st.booleans(),
+        "idle_is_free": st.booleans(),
+        "lookahead": st.integers(1, 4),
+    }
+)
+
+
+def build(case: dict[str, Any]) -> SAP:
+    """An integer problem."""
+    n, m = case["n"], case["n"] + case["extra"]
+    rng = np.random.default_rng(case["seed"])
+    values = rng.integers(0, 6, (case["steps"], n, m)) * (rng.random((case["steps"], n, m)) < 0.5)
+    benefits = values.astype(float)
+    form = Benefits.from_flat(*_flat(benefits), benefits.shape) if case["sparse"] else benefits
+    start = rng.permutation(m)[:n] if case["initial"] else None
+    return SAP(form, SwitchingCost(2.0, idle_is_free=case["idle_is_free"]), start)
+
+
+def _flat(benefits: np.ndarray) -> tuple[Any, Any, Any]:
+    flat = Benefits(benefits).flat()
+    return flat.indptr, flat.indices, flat.data
+
+
+def ring(n: int) -> Any:
+    """A cycle, or as much of one as n nodes make."""
+    return nx.cycle_graph(n) if n > 2 else nx.path_graph(n)
+
+
+def first_outlook(problem: SAP) -> Outlook:
+    """What a policy sees at step 0."""
+    windows = WindowSums(problem.benefits)
+    return Outlook(0, problem.T, problem.initial_state(), problem, windows, np.arange(problem.m))
+
+
+@settings(max_examples=60, deadline=None)
+@given(problems, st.sampled_from([1e-3, 0.3, 2.0]))
+def test_intervals_against_the_twin(case: dict[str, Any], epsilon: float) -> None:
+    """Every interval is within n epsilon of the twin's, and equal if epsilon < 1 / n."""
+    problem = build(case)
+    outlook = first_outlook(problem)
+    network = Network.from_graph(ring(problem.n), problem.n)
+    scene = Scene(
+        network, Simulator(network), network.components, np.ones((1, problem.m), dtype=bool),
+        np.zeros(problem.n, dtype=bool),
+    )  # fmt: skip
+    solved, agreed = HAALD(case["lookahead"], epsilon).solve_intervals(outlook, scene)
+    exact = interval_problems(outlook, case["lookahead"])
+    assert agreed.all()
+    length = min(case["lookahead"], problem.T)
+    assert set(solved) == set(exact)
+    assert len(exact) == length * (length + 1) // 2
+    for interval, matrix in exact.items():
+        best = best_assignment(matrix, outlook.parking).value
+        value = contributions(matrix, solved[interval]).sum()
+        assert best - problem.n * epsilon - 1e-9 <= value <= best + 1e-9
+        if problem.n * epsilon < 1:
+            assert value == pytest.approx(best)
+
+
+@settings(max_examples=30, deadline=None)
+@given(problems)
+def test_same_plan_in_both_knowledge_models(case: dict[str, Any]) -> None:
+    """Who knows what changes the traffic, not the plan."""
+    problem = build(case)
+    own, its_traffic = play(problem, HAALD(case["lookahead"], 0.1, ring(problem.n)))
+    everything, less = play(problem, HAALD(case["lookahead"], 0.1, ring(problem.n), knowledge="all"))
+    assert (own.plan == everything.plan).all()
+    diameter = problem.n // 2
+    assert all(a.rounds == b.rounds + diameter for a, b in zip(its_traffic, less, strict=True))
+    problem.evaluate(own.plan)
+
+
+@settings(max_examples=30, deadline=None)
+@given(problems, st.floats(0.0, 0.3), st.integers(0, 3))
+def test_loss_and_delay_cost_rounds_only(case: dict[str, Any], loss: float, delay: int) -> None:
+    """Lost and late packets never change the plan; more rounds pass and more packets are sent."""
+    problem = build(case)
+    calm, quiet = play(problem, HAALD(case["lookahead"], 0.1, ring(problem.n)))
+    rough, traffic = play(problem, HAALD(case["lookahead"], 0.1, ring(problem.n), faults=Faults(loss, delay)))
+    assert (calm.plan == rough.plan).all()
+    for a, b in zip(quiet, traffic, strict=True):
+        assert a.rounds == b.protocol_rounds <= b.rounds
+        assert a.messages <= b.messages
+        assert a.bytes <= b.bytes
+
+
+def test_seeded() -> None:
+    """The same seed gives the same traffic, another seed another."""
+    from sapopt.control import Run
+
+    problem = SAP(np.random.default_rng(0).random((3, 8, 10)), 0.3)
+    policy = HAALD(2, 0.01, ring(8), faults=Faults(0.3, 1))
+    once, again = play(problem, policy, Run(5))[1], play(problem, policy, Run(5))[1]
+    assert once == again
+    assert once != play(problem, policy, Run(6))[1]
+
+
+def test_lookahead_one_is_the_auction_policy() -> None:
+    """With L = 1 there is one interval and nothing to choose."""
+    problem = SAP(np.random.default_rng(1).random((5, 6, 9)), 0.2)
+    graph = ring(6)
+    assert (
+        rollout(problem, HAALD(1, 0.01, graph)).plan == rollout(problem, DistributedAuction(0.01, graph)).plan
+    ).all()
+    twin = problem.evaluate(rollout(problem, CentralHAALD(1)).plan).value
+    assert twin == problem.evaluate(rollout(problem, HAA()).plan).value
+
+
+def test_forbidden_pairs() -> None:
+    """Intervals without a full assignment are left out; the plan keeps off forbidden pairs."""
+    rng = np.random.default_rng(2)
+    values = rng.random((4, 3, 4))
+    values[0, :, 0] = values[1, :, 1] = values[2, :, 2] = -np.inf
+    problem = SAP(values, 0.1)
+    for policy in (HAALD(3, 1e-4, nx.path_graph(3)), CentralHAALD(3)):
+        assert np.isfinite(problem.evaluate(rollout(problem, policy).plan).value)
+
+
+def test_a_graph_for_every_step() -> None:
+    """The graph may change from step to step, and must be there for every step."""
+    problem = SAP(np.random.default_rng(3).random((3, 5, 6)), 0.2)
+    graphs = [nx.path_graph(5), nx.complete_graph(5), nx.cycle_graph(5)]
+    _, traffic = play(problem, HAALD(2, 0.01, graphs))
+    assert traffic[1].rounds < traffic[0].rounds
+    with pytest.raises(ValueError, match="2 graphs for 3 steps"):
+        rollout(problem, HAALD(2, 0.01, graphs[:2]))
+
+
+def test_bad_input() -> None:
+    """Every error names the argument and the mend."""
+    problem = SAP(np.random.default_rng(3).random((2, 4, 6)), 0.2)
+
+    def message(policy: HAALD) -> str:
+        with pytest.raises(ValueError) as error:
+            rollout(problem, policy)
+        return str(error.value)
+
+    split = nx.Graph([(0, 1), (2, 3)])
+    assert "graph at step 0 is not connected (2 parts); pass allow_disconnected=True" in message(HAALD(2, graph=split))
+    assert "graph at step 1 is not connected" in message(HAALD(2, graph=[nx.path_graph(4), split]))
+    assert "graph has 5 nodes, but the problem has 4 agents" in message(HAALD(2, graph=nx.path_graph(5)))
+    assert "graph at step 1 has 3" in message(HAALD(2, graph=[nx.path_graph(4), nx.path_graph(3)]))
+    assert "nodes 0..3" in message(HAALD(2, graph=nx.relabel_nodes(nx.path_graph(4), {0: "a"})))
+    assert "networkx graph" in message(HAALD(2, graph="ring"))
+    assert "no agent 9" in message(HAALD(2, faults=Faults(dead={9: 0})))
+    with pytest.raises(ValueError, match="lookahead must be"):
+        HAALD(0)
+    with pytest.raises(ValueError, match="epsilon must be"):
+        HAALD(2, epsilon=0)
+    with pytest.raises(ValueError, match="knowledge must be"):
+        HAALD(2, knowledge="some")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_complete_by_default(count: int) -> None:
+    """Without a graph everyone hears everyone."""
+    problem = SAP(np.random.default_rng(count).random((2, count, 8)), 0.2)
+    _, traffic = play(problem, HAALD(2))
+    assert traffic[0].components == 1
