@@ -1,8 +1,8 @@
 """The sequential assignment problem as an ordinary mixed-integer programme: a `cvxpy.Problem` to take away.
 
-Booleans ``x[k][i, j]`` say who holds what. A uniform switching cost needs one more number per pair and step, the share in
-which the pair was already held; a cost matrix needs the transport between two assignments; any other agent-local dynamics
-the product of local state and task.
+Booleans ``x[k][i, j]`` say who holds what. A uniform switching cost needs one more number per pair and step, the
+share in which the pair was already held; a cost matrix needs the transport between two assignments; any other
+agent-local dynamics the product of local state and task.
 
     accepts(problem) -> reason or None, compile(problem) -> MILP, recover(milp) -> plan
 """
@@ -148,7 +148,5 @@ def _local(cp: Any, problem: SAP, states: LocalModel, x: list[Any], rules: list[
             value += cp.sum(cp.multiply(eta, both))
             # 0/1 matrices pick the pairs that lead to each state
             onward = np.asarray(successor)
-            before = cp.hstack(
-                [cp.sum(cp.multiply((onward == s).astype(float), both)) for s in range(S)]
-            )
+            before = cp.hstack([cp.sum(cp.multiply((onward == s).astype(float), both)) for s in range(S)])
     return value

@@ -1,9 +1,9 @@
-"""The time-expanded network: one path per agent through (step, local state) nodes, coupled by the capacity of the tasks.
+"""The time-expanded network: one path per agent over (step, local state) nodes, coupled by the task capacities.
 
-Every arc on which an agent takes a task carries the slot (step, task) it fills; a slot holds one agent. For a uniform
-switching cost the nodes are the places (step, task) and one hub per step and agent, through which every move passes: 3 m arcs
-a step instead of m^2. An idle agent is a path like any other, so parking occupies tasks and pays as the strict rule wants.
-Any other agent-local dynamics is expanded over its reachable local states.
+Every arc on which an agent takes a task carries the slot (step, task) it fills; a slot holds one agent. For a
+uniform switching cost the nodes are the places (step, task) and one hub per step and agent, through which every
+move passes: 3 m arcs a step instead of m^2. An idle agent is a path like any other, so parking occupies tasks and
+pays as the strict rule wants. Any other agent-local dynamics is expanded over its reachable local states.
 
     accepts(problem) -> reason or None, compile(problem) -> Network, recover(network, x) -> plan
 """
@@ -89,7 +89,7 @@ class Network:
         return value
 
     def through(self, prices: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Value of every agent's best path (n,), and of the best path through every arc (arcs,), under prices (T, m)."""
+        """Values of the agents' best paths (n,) and of the best path through every arc (arcs,) under prices."""
         weight = self.priced(prices)
         backward = self.backward(weight)
         return backward[self.source], self.forward(weight)[self.tail] + weight + backward[self.head]
@@ -278,5 +278,14 @@ def _sorted(shape: tuple[int, int, int], parts: list, source: IntArray, nodes: i
     final = order[(step[order] == shape[0] - 1) & (slot[order] >= 0)]
     last[head[final]] = True
     return Network(
-        shape, tail[order], head[order], gain[order], slot[order], agent[order], step[order], ranks, source, last
+        shape,
+        tail[order],
+        head[order],
+        gain[order],
+        slot[order],
+        agent[order],
+        step[order],
+        ranks,
+        source,
+        last,
     )

@@ -1,13 +1,14 @@
 """The sequential assignment problem as a Koopmans-Beckmann quadratic assignment problem (thesis, eq. 1.4).
 
-Facilities are the nT pairs (step, agent), locations the mT pairs (step, task); a facility may only go to a location of its own
-step, so every solution is block-diagonal:
+Facilities are the nT pairs (step, agent), locations the mT pairs (step, task); a facility may only go to a location
+of its own step, so every solution is block-diagonal:
 
     maximise  sum a[p, r] b[q, s] x[p, q] x[r, s]  +  sum c[p, q] x[p, q]
 
-``a`` joins an agent to itself one step later, ``b`` holds the cost between tasks of successive steps, ``c`` the benefits (with
-the handover of the first step) and -inf outside the blocks. Where idling is free, whether a move is charged depends on the agent
-and not only on the tasks; such a task gets two locations, a charged and a free one, and ``a`` and ``b`` punish using both.
+``a`` joins an agent to itself one step later, ``b`` holds the cost between tasks of successive steps, ``c`` the
+benefits (with the handover of the first step) and -inf outside the blocks. Where idling is free, whether a move is
+charged depends on the agent and not only on the tasks; such a task gets two locations, a charged and a free one,
+and ``a`` and ``b`` punish using both.
 
     accepts(problem) -> reason or None, compile(problem) -> QAP, recover(qap, locations) -> plan
 """
@@ -28,7 +29,7 @@ from sapopt.types import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class QAP:
-    """``maximise sum a[p, r] b[q, s] x[p, q] x[r, s] + sum c[p, q] x[p, q]``, every facility p at a location q of its own.
+    """``maximise sum a[p, r] b[q, s] x[p, q] x[r, s] + sum c[p, q] x[p, q]``, each facility at its own location.
 
     Attributes
     ----------
@@ -62,14 +63,14 @@ class QAP:
         return out
 
     def programme(self) -> Programme:
-        """Exact linearisation (Adams and Johnson) over the allowed pairs: products y[p, q, r, s] where ``a[p, r]`` is not zero."""
+        """Exact linearisation (Adams and Johnson): products y[p, q, r, s] of allowed pairs where ``a[p, r] != 0``."""
         return _linearised(self)
 
     def write_qaplib(self, path: str | Path) -> None:
         """Write the problem in QAPLIB's form: n, then A, B and (the linear extension) C, to be minimised.
 
-        QAPLIB wants square matrices and finite numbers: facilities without weight fill up, and a forbidden place costs
-        more than any plan can gain. Numbers are written so that they read back exactly.
+        QAPLIB wants square matrices and finite numbers: facilities without weight fill up, and a forbidden place
+        costs more than any plan can gain. Numbers are written so that they read back exactly.
         """
         size = len(self.b)
         short = size - len(self.a)
@@ -98,7 +99,9 @@ def read_qaplib(path: str | Path) -> QAP:
         numbers = np.array(words[1:], dtype=np.float64)
         count = len(numbers) // size**2 if size > 0 else 0
         if count not in (2, 3) or len(numbers) != count * size**2:
-            raise ValueError(f"{len(numbers)} numbers after n = {size}, expected {2 * size**2} or {3 * size**2}")
+            raise ValueError(
+                f"{len(numbers)} numbers after n = {size}, expected {2 * size**2} or {3 * size**2}"
+            )
     except (ValueError, IndexError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not a QAPLIB file ({error})") from None
     a, b, *c = numbers.reshape(count, size, size)
@@ -110,7 +113,10 @@ def accepts(problem: SAP) -> str | None:
     """None, or the reason why the problem has no Koopmans-Beckmann form."""
     if type(problem.model) is SwitchingCost:
         return None
-    return f"{type(problem.dynamics).__name__} charges more than the move from one task to the next; only SwitchingCost fits eq. 1.4"
+    return (
+        f"{type(problem.dynamics).__name__} charges more than the move from one task to the next; "
+        "only SwitchingCost fits eq. 1.4"
+    )
 
 
 def compile(problem: SAP) -> QAP:
@@ -132,9 +138,9 @@ def compile(problem: SAP) -> QAP:
     if cost.ndim == 0:
         cost = cost * (1.0 - np.eye(m))
 
-    positive = benefits > 0
-    charge = positive.any(axis=1) if model.idle_is_free else np.ones((T, m), dtype=bool)
-    free = ~positive.all(axis=1) if model.idle_is_free else np.zeros((T, m), dtype=bool)
+    positive: np.ndarray = benefits > 0
+    charge = np.asarray(positive.any(axis=1)) if model.idle_is_free else np.ones((T, m), dtype=bool)
+    free = np.asarray(~positive.all(axis=1)) if model.idle_is_free else np.zeros((T, m), dtype=bool)
     charge[0], free[0] = True, False  # the first step's handover is in c
     place = [(k, j, True) for k in range(T) for j in range(m) if charge[k, j]]
     place += [(k, j, False) for k in range(T) for j in range(m) if free[k, j]]
@@ -195,7 +201,9 @@ def _linearised(qap: QAP) -> Programme:
         worth = qap.a[r, s] * qap.b[np.ix_(here, there)]
         if not worth.any():
             continue
-        u, v = (grid.ravel() for grid in np.meshgrid(np.arange(len(here)), np.arange(len(there)), indexing="ij"))
+        u, v = (
+            grid.ravel() for grid in np.meshgrid(np.arange(len(here)), np.arange(len(there)), indexing="ij")
+        )
         product = columns + np.arange(worth.size)
         row_of += [rows + u, rows + len(here) + v]
         column += [product, product]

@@ -1,7 +1,7 @@
 """Brute force over joint states: exact for any dynamics, also user-defined and global ones, of a tiny problem.
 
-Step by step, every full assignment is tried in every state that can be reached, and of the ways into equal states only the
-best is kept. States are equal if the dynamics' `key` says so, or else if they hold equal values.
+Step by step, every full assignment is tried in every state that can be reached, and of the ways into equal states
+only the best is kept. States are equal if the dynamics' `key` says so, or else if they hold equal values.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def accepts(problem: SAP, limit: int = LIMIT) -> str | None:
 def fingerprint(problem: SAP, state: Any) -> Hashable:
     """What makes two states equal."""
     if hasattr(problem.model, "key"):
-        return problem.model.key(state)  # type: ignore[no-any-return]
+        return problem.model.key(state)
     return _frozen(state)
 
 
@@ -55,7 +55,7 @@ def _frozen(state: Any) -> Hashable:
         hash(state)
     except TypeError:
         return ("identity", id(state))  # never merged with another state
-    return state  # type: ignore[no-any-return]
+    return state
 
 
 def assignments(n: int, m: int) -> IntArray:
@@ -105,7 +105,9 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
                 if key not in after or total > after[key][0]:
                     after[key] = (total, following, (rows[r], trail))
         if not after:
-            detail = explain_infeasible(allowed) or "every state that can be reached leaves no full assignment"
+            detail = (
+                explain_infeasible(allowed) or "every state that can be reached leaves no full assignment"
+            )
             raise InfeasibleError(f"step {k}: {detail}")
         layer = after
     best = max(layer.values(), key=lambda entry: entry[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -28,10 +29,10 @@ class Exact:
     Parameters
     ----------
     method : {"network", "milp", "qap", "dp"}
-        "network": a mixed-integer programme over the time-expanded network, from which prices have removed the arcs that no
-        better plan can use; for agent-local dynamics, and by far the fastest. "milp": the `cvxpy` programme, solved by HiGHS
-        (extra ``exact``). "qap": the Koopmans-Beckmann problem of eq. 1.4, linearised; `SwitchingCost` only, tiny
-        problems. "dp": brute force over joint states; any dynamics, tiny problems.
+        "network": a mixed-integer programme over the time-expanded network, from which prices have removed the arcs
+        that no better plan can use; for agent-local dynamics, and by far the fastest. "milp": the `cvxpy`
+        programme, solved by HiGHS (extra ``exact``). "qap": the Koopmans-Beckmann problem of eq. 1.4, linearised;
+        `SwitchingCost` only, tiny problems. "dp": brute force over joint states; any dynamics, tiny problems.
     tolerance : float
         Relative gap at which a plan counts as optimal.
     reduced_costs : bool
@@ -48,10 +49,8 @@ class Exact:
     SolverError
         If the solver fails.
 
-    Notes
-    -----
-    The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or FEASIBLE where the
-    solver stopped for another reason. Without a time limit it runs until it has a proof.
+    Notes ----- The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or
+    FEASIBLE where the solver stopped for another reason. Without a time limit it runs until it has a proof.
 
     References
     ----------
@@ -100,7 +99,9 @@ class Exact:
         if np.isfinite(run.seconds_left):
             options["time_limit"] = max(run.seconds_left, 1e-3)
         try:
-            compiled.problem.solve(solver=cp.HIGHS, **options)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # cvxpy warns of every incumbent; the status says it
+                compiled.problem.solve(solver=cp.HIGHS, **options)
         except cp.error.SolverError as error:
             raise SolverError(f"HiGHS failed through cvxpy: {error}") from None
         if compiled.problem.status in ("infeasible", "infeasible_or_unbounded"):

@@ -1,10 +1,11 @@
 """Search over the time-expanded network: prices, reduced-cost fixing, neighbourhoods, and a mixed-integer programme.
 
-With prices that prove the bound D, a plan that uses an arc of regret r is worth at most D - r. So all plans worth more than
-D - delta live on the arcs of regret below delta, a small share of the network if the prices are good. The search guesses a small
-delta and solves the rest exactly: either the best plan found is worth at least D - delta, and is optimal, or D - delta is a
-better bound and delta grows, at most to the gap of the incumbent. On large problems neighbourhoods of the incumbent (some agents,
-or all agents in some steps, free) are solved first, over the same arcs.
+With prices that prove the bound D, a plan that uses an arc of regret r is worth at most D - r. So all plans worth
+more than D - delta live on the arcs of regret below delta, a small share of the network if the prices are good. The
+search guesses a small delta and solves the rest exactly: either the best plan found is worth at least D - delta,
+and is optimal, or D - delta is a better bound and delta grows, at most to the gap of the incumbent. On large
+problems neighbourhoods of the incumbent (some agents, or all agents in some steps, free) are solved first, over the
+same arcs.
 """
 
 from __future__ import annotations
@@ -85,7 +86,8 @@ class Search:
     @property
     def slack(self) -> float:
         """Gap that counts as none."""
-        return self.tolerance * max(1.0, abs(self.state.best.value))
+        value = self.state.best.value
+        return self.tolerance * max(1.0, abs(value)) if np.isfinite(value) else 0.0
 
     def note(self, phase: str, bound: float | None = None, plan: IntArray | None = None) -> None:
         """Take over a bound or a plan, and report."""
@@ -95,7 +97,12 @@ class Search:
             state.bound, state.prices = bound, None
         # a bound below the incumbent is the solver's rounding
         state.bound = max(state.bound, state.best.value)
-        record = {"phase": phase, "seconds": self.run.seconds, "value": state.best.value, "bound": state.bound}
+        record = {
+            "phase": phase,
+            "seconds": self.run.seconds,
+            "value": state.best.value,
+            "bound": state.bound,
+        }
         state.trace.append(record)
         log.debug("%(phase)s %(seconds).2f s: value %(value).9g, bound %(bound).9g", record)
         self.run.report(self.run.seconds, self.run.time_limit or 0.0, state.best.value, state.bound, phase)
@@ -177,7 +184,7 @@ class Search:
         )  # fmt: skip
 
     def _neighbourhoods(self, share: float) -> None:
-        """Improve the incumbent: free some agents, or some steps, and solve exactly; grow them when nothing improves."""
+        """Improve the incumbent: free some agents or steps and solve exactly; more of them when nothing improves."""
         T, n, _ = self.network.shape
         rng = self.run.rng
         seconds = share * self.run.seconds_left if np.isfinite(self.run.seconds_left) else 600.0

@@ -22,7 +22,7 @@ from sapopt.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
 
-_LOOKAHEADS = (1, 2, 3, 4)
+_LOOKAHEADS = (2, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +44,11 @@ class Incumbent:
 
 
 def incumbent(problem: SAP, run: Run, seconds: float) -> Incumbent:
-    """The best of the start given to the run, greedy, and HAAL with growing lookahead."""
+    """The best of the start given to the run, HAAL and greedy."""
     best = Incumbent().better(problem, run.start)
     limit = run.seconds + seconds
-    policies: list[Policy] = [Greedy(), *(HAAL(lookahead) for lookahead in _LOOKAHEADS)]
+    policies: list[Policy] = [HAAL(lookahead) for lookahead in _LOOKAHEADS if lookahead <= max(problem.T, 2)]
+    policies.append(Greedy())
     for policy in policies:
         left = limit - run.seconds
         if left <= 0 or run.expired:

@@ -1,0 +1,122 @@
+"""The Koopmans-Beckmann form of eq. 1.4, its files, and its relaxations."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from local_dynamics import Tiring
+
+from sapopt import SAP, SwitchingCost, solve
+from sapopt.formulations import qap, relaxation
+from sapopt.formulations.highs import maximise
+from sapopt.solvers.exact import Exact
+
+
+def problems() -> list[SAP]:
+    """Every cost rule with and without an initial assignment."""
+    out = []
+    for seed, (matrix, free, initial) in enumerate(
+        itertools.product((False, True), (False, True), (None, (1, 0)))
+    ):
+        rng = np.random.default_rng(seed)
+        benefits = rng.random((3, 2, 3)) * (rng.random((3, 2, 3)) < 0.6)
+        cost: Any = rng.random((3, 3)) * (1 - np.eye(3)) if matrix else 0.4
+        out.append(SAP(benefits, SwitchingCost(cost, idle_is_free=free), initial))
+    return out
+
+
+@pytest.mark.parametrize("problem", problems(), ids=repr)
+def test_value_of_every_plan(problem: SAP) -> None:
+    """The quadratic objective is the value of the plan, for all plans; plans come back unchanged."""
+    form = qap.compile(problem)
+    assert form.a.shape == (6, 6)
+    assert form.b.shape[0] == form.c.shape[1] >= 9
+    rows = list(itertools.permutations(range(3), 2))
+    for choice in itertools.product(rows, repeat=3):
+        plan = np.array(choice)
+        places = form.locations(plan)
+        assert form.value(places) == pytest.approx(problem.evaluate(plan).value, abs=1e-12)
+        assert np.array_equal(qap.recover(form, places), plan)
+
+
+def test_block_diagonal() -> None:
+    """A facility may only go to a location of its own step, and `a` joins successive steps of one agent."""
+    problem = SAP(np.random.default_rng(0).random((3, 2, 4)), SwitchingCost(0.5))
+    form = qap.compile(problem)
+    blocks = np.kron(np.eye(3), np.ones((2, 4)))
+    assert np.array_equal(np.isfinite(form.c), blocks > 0)
+    assert np.array_equal(form.a, np.eye(6, k=2))
+
+
+@pytest.mark.parametrize("problem", problems()[:4], ids=repr)
+def test_qaplib_round_trip(problem: SAP, tmp_path: Path) -> None:
+    """A written file is square and finite, reads back exactly, and has the same optimum with its sign turned."""
+    form = qap.compile(problem)
+    path = tmp_path / "problem.dat"
+    form.write_qaplib(path)
+    again = qap.read_qaplib(path)
+    size = len(form.b)
+    assert again.a.shape == again.b.shape == again.c.shape == (size, size)
+    assert np.array_equal(again.b, form.b)
+    assert np.array_equal(again.a[: len(form.a), : len(form.a)], form.a)
+    finite = np.isfinite(form.c)
+    assert np.array_equal(again.c[: len(form.a)][finite], form.c[finite])
+    again.write_qaplib(tmp_path / "again.dat")
+    third = qap.read_qaplib(tmp_path / "again.dat")
+    assert all(np.array_equal(getattr(third, name), getattr(again, name)) for name in "abc")
+    answer = maximise(again.programme())
+    assert answer.value == pytest.approx(solve(problem, Exact("dp")).value, abs=1e-6)
+
+
+def test_small_qaplib_instance(tmp_path: Path) -> None:
+    """A file without a linear part is a plain QAP; its optimum is that of all permutations."""
+    rng = np.random.default_rng(7)
+    a, b = rng.integers(0, 9, (2, 4, 4))
+    path = tmp_path / "small.dat"
+    path.write_text("4\n\n" + "\n\n".join("\n".join(" ".join(map(str, row)) for row in x) for x in (a, b)))
+    form = qap.read_qaplib(path)
+    orders = [np.array(order) for order in itertools.permutations(range(4))]
+    least = min((a * b[np.ix_(order, order)]).sum() for order in orders)
+    answer = maximise(form.programme())
+    assert answer.x is not None
+    assert -answer.value == pytest.approx(least)
+    assert form.value(qap.locations_of(form, answer.x)) == pytest.approx(-least)
+
+
+@pytest.mark.parametrize("text", ["", "x", "3 1 2", "2 1 2 3 4 5 6 7", "-1 2", "2 1 2 3 4 5 6 7 nine"])
+def test_damaged_file(text: str, tmp_path: Path) -> None:
+    """A file of another kind gives one clear line."""
+    path = tmp_path / "bad.dat"
+    path.write_text(text)
+    with pytest.raises(ValueError, match="not a QAPLIB file"):
+        qap.read_qaplib(path)
+
+
+def test_other_dynamics_is_refused() -> None:
+    """Only costs between successive tasks have this form."""
+    with pytest.raises(ValueError, match=r"eq\. 1\.4"):
+        qap.compile(SAP(np.ones((2, 2, 3)), Tiring()))
+
+
+@pytest.mark.parametrize("problem", problems()[:6], ids=repr)
+def test_relaxations_bound_the_optimum(problem: SAP) -> None:
+    """Convex and semidefinite bounds hold; the semidefinite one is the better one."""
+    pytest.importorskip("cvxpy")
+    best = solve(problem, Exact("dp")).value
+    linear, convex, semidefinite = (
+        bound(problem).value
+        for bound in (relaxation.linear_bound, relaxation.convex_bound, relaxation.semidefinite_bound)
+    )
+    assert min(linear, convex, semidefinite) >= best
+    assert semidefinite <= convex + 1e-4
+
+
+def test_semidefinite_size() -> None:
+    """The semidefinite relaxation refuses what would never end."""
+    pytest.importorskip("cvxpy")
+    with pytest.raises(ValueError, match="too many"):
+        relaxation.semidefinite_bound(SAP(np.ones((5, 6, 6)), SwitchingCost(1.0)))
