@@ -320,7 +320,7 @@ def test_json_is_strict() -> None:
 def test_interrupted_compare_keeps_what_is_there(problem_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C while the bound is proven: the solvers' results are shown, and the status says interrupted."""
 
-    def stop(problem: SAP, reporter: Any) -> Any:
+    def stop(*args: Any) -> Any:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("sapopt.cli.work.prove_bound", stop)
