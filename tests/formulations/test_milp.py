@@ -53,7 +53,7 @@ def test_linear_bound_is_the_lagrangian_bound() -> None:
     problem = SAP(np.random.default_rng(4).random((5, 4, 5)), SwitchingCost(0.5))
     oracle = problem.model.path_oracle(problem.benefits, None)
     assert relaxation.linear_bound(problem).value == pytest.approx(
-        ascend(oracle, max_iterations=5000).bound, rel=2e-4
+        ascend(oracle, max_iterations=1500).bound, rel=2e-4
     )
 
 

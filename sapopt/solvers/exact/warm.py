@@ -54,7 +54,7 @@ def incumbent(problem: SAP, run: Run, seconds: float) -> Incumbent:
         if left <= 0 or run.expired:
             break
         try:
-            played = rollout(problem, policy, Run(run.seed, left, lambda _: run.expired))
+            played = rollout(problem, policy, Run(run.seed, left, lambda _: run.stopped))
         except InfeasibleError:
             continue  # a policy may run into a dead end that a plan avoids
         if played.status is Status.INTERRUPTED:
@@ -69,12 +69,14 @@ def decomposition(problem: SAP, run: Run, seconds: float) -> IntArray | None:
     try:
         module = importlib.import_module("sapopt.solvers.dual_decomposition")
         solver: Any = module.DualDecomposition()
-        outcome = solver.plan(problem, Run(run.seed, seconds, lambda _: run.expired))
+        outcome = solver.plan(problem, Run(run.seed, seconds, lambda _: run.stopped))
     except (ImportError, AttributeError):
         return None
     except (ValueError, TypeError, NotImplementedError) as error:
         log.info("DualDecomposition gives no start: %s", error)
         return None
+    if outcome.status is Status.INTERRUPTED:
+        run.stopped = True
     plan: IntArray = outcome.plan
     return plan
 

@@ -1,0 +1,255 @@
+"""Algorithms 1 and 2 and the optimum in exact arithmetic, on sequential assignment problems of any state model.
+
+Nothing here comes from sapopt, and no number is rounded: benefits, costs and values are integers or fractions.
+Assignments are tuples, all of them are enumerated, and where several are equally good *all* ways to break the ties
+can be followed, so that a claim does not rest on how ties are broken.
+
+    python experiments/theorem.py [tests/data/theorem_counterexamples.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+Assignment = tuple[int, ...]
+KNOWN = Path(__file__).resolve().parents[1] / "tests" / "data" / "theorem_counterexamples.json"
+
+
+@dataclass
+class Model:
+    """A problem in exact numbers; subclasses say what a state is.
+
+    benefits[k][i][j] is the benefit of agent i for task j at step k.
+    """
+
+    benefits: list[list[list[Fraction]]]
+    start: Any
+    choices: list[Assignment] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.benefits = [[[Fraction(x) for x in row] for row in step] for step in self.benefits]
+        self.T, self.n, self.m = len(self.benefits), len(self.benefits[0]), len(self.benefits[0][0])
+        self.choices = list(permutations(range(self.m), self.n))
+        self._best: dict[Any, tuple[Fraction, list[Assignment]]] = {}
+
+    def eta(self, state: Any, choice: Assignment) -> Fraction:
+        """Handover of an assignment in a state."""
+        raise NotImplementedError
+
+    def after(self, state: Any, choice: Assignment) -> Any:
+        """Next state."""
+        raise NotImplementedError
+
+    def worst_handover(self) -> Fraction:
+        """|H|, the most that handovers of one step can differ from none."""
+        raise NotImplementedError
+
+    def static(self, k: int, choice: Assignment) -> Fraction:
+        """Benefit of an assignment at step k."""
+        return sum((self.benefits[k][i][j] for i, j in enumerate(choice)), Fraction(0))
+
+    def value(self, plan: list[Assignment], state: Any = None, first: int = 0) -> Fraction:
+        """Value of a plan from step `first` on."""
+        state = self.start if state is None else state
+        total = Fraction(0)
+        for k, choice in enumerate(plan, first):
+            total += self.static(k, choice) + self.eta(state, choice)
+            state = self.after(state, choice)
+        return total
+
+    def interval(self, start: int, stop: int, state: Any) -> tuple[Fraction, list[Assignment]]:
+        """Value of the best assignment held over ``start .. stop - 1``, and all assignments that reach it."""
+        key = (start, stop, state)
+        if key not in self._best:
+            worth = [
+                sum((self.static(k, x) for k in range(start, stop)), Fraction(0)) + self.eta(state, x)
+                for x in self.choices
+            ]
+            top = max(worth)
+            self._best[key] = top, [x for x, w in zip(self.choices, worth, strict=True) if w == top]
+        return self._best[key]
+
+    def travel(self, state: Any, choice: Assignment, steps: int) -> Any:
+        """State after an assignment was held for some steps."""
+        for _ in range(steps):
+            state = self.after(state, choice)
+        return state
+
+    def least(self) -> Fraction:
+        """B-underbar: the least benefit of any assignment at any step."""
+        return min(self.static(k, x) for k in range(self.T) for x in self.choices)
+
+
+class Simple(Model):
+    """The simple handover model: every change of task costs `cost`, the state is the last assignment."""
+
+    def __init__(self, benefits: Any, cost: Any, start: Any) -> None:
+        self.cost = Fraction(cost)
+        super().__init__(benefits, None if start is None else tuple(start))
+
+    def eta(self, state: Any, choice: Assignment) -> Fraction:
+        return -self.cost * sum(a != b for a, b in zip(state, choice, strict=True)) if state else Fraction(0)
+
+    def after(self, state: Any, choice: Assignment) -> Any:
+        return choice
+
+    def worst_handover(self) -> Fraction:
+        return self.n * self.cost
+
+
+class General(Model):
+    """One agent; a state s has ``eta[s][j]`` and leads to ``moves[s][j]``."""
+
+    def __init__(self, benefits: Any, moves: Any, eta: Any, start: int) -> None:
+        self.moves, self.table = moves, eta
+        super().__init__(benefits, start)
+
+    def eta(self, state: Any, choice: Assignment) -> Fraction:
+        return Fraction(self.table[state][choice[0]])
+
+    def after(self, state: Any, choice: Assignment) -> Any:
+        return self.moves[state][choice[0]]
+
+    def worst_handover(self) -> Fraction:
+        flat = [Fraction(x) for row in self.table for x in row]
+        return max(flat) - min(flat)
+
+
+def optimum(model: Model) -> Fraction:
+    """Greatest value of any plan."""
+    layer: dict[Any, Fraction] = {model.start: Fraction(0)}
+    for k in range(model.T):
+        following: dict[Any, Fraction] = {}
+        for state, value in layer.items():
+            for x in model.choices:
+                total = value + model.static(k, x) + model.eta(state, x)
+                target = model.after(state, x)
+                if target not in following or total > following[target]:
+                    following[target] = total
+        layer = following
+    return max(layer.values())
+
+
+def haal_values(model: Model, lookahead: int) -> set[Fraction]:
+    """Values of Algorithm 2 under every way to break ties (between assignments and between sequences)."""
+    ends: set[tuple[Any, Fraction]] = {(model.start, Fraction(0))}
+    for k in range(model.T):
+        stop = min(k + lookahead, model.T)
+        memo: dict[Any, set[tuple[Fraction, Assignment]]] = {}
+        ends = {
+            (model.after(state, x), value + model.static(k, x) + model.eta(state, x))
+            for state, value in ends
+            for _, x in _outcomes(model, k, stop, state, memo)
+        }
+    return {value for _, value in ends}
+
+
+def _outcomes(
+    model: Model, start: int, stop: int, state: Any, memo: dict[Any, set[tuple[Fraction, Assignment]]]
+) -> set[tuple[Fraction, Assignment]]:
+    """(value, first assignment) of the sequences that may come out best from here, ties broken in all ways."""
+    if (start, state) in memo:
+        return memo[start, state]
+    by_cut = []
+    for cut in range(start + 1, stop + 1):
+        value, tied = model.interval(start, cut, state)
+        found = set()
+        for x in tied:
+            if cut == stop:
+                found.add((value, x))
+                continue
+            after = model.travel(state, x, cut - start)
+            found |= {(value + rest, x) for rest, _ in _outcomes(model, cut, stop, after, memo)}
+        by_cut.append(found)
+    # an outcome can win if the other cuts can, ties broken against them, do no better
+    floor = max(min(value for value, _ in found) for found in by_cut)
+    memo[start, state] = {pair for found in by_cut for pair in found if pair[0] >= floor}
+    return memo[start, state]
+
+
+def haal_plan(model: Model, lookahead: int, keep_plan: bool = False) -> list[Assignment]:
+    """Algorithm 2 with the first of equal choices; with `keep_plan`, HAAL+.
+
+    HAAL+ also evaluates, at every step, the unexecuted rest of the plan it made one step earlier, plus one greedy
+    step.
+    """
+    state, tail = model.start, []
+    plan: list[Assignment] = []
+    for k in range(model.T):
+        stop = min(k + lookahead, model.T)
+        best = max(_sequences(model, k, stop, state), key=lambda candidate: model.value(candidate, state, k))
+        if keep_plan and plan:
+            kept = list(tail)
+            if len(kept) < stop - k:
+                inner = state
+                for x in kept:
+                    inner = model.after(inner, x)
+                kept.append(model.interval(stop - 1, stop, inner)[1][0])
+            if model.value(kept, state, k) > model.value(best, state, k):
+                best = kept
+        plan.append(best[0])
+        tail = best[1:]
+        state = model.after(state, best[0])
+    return plan
+
+
+def _sequences(model: Model, start: int, stop: int, state: Any) -> Iterator[list[Assignment]]:
+    if start == stop:
+        yield []
+        return
+    for cut in range(start + 1, stop + 1):
+        x = model.interval(start, cut, state)[1][0]
+        for rest in _sequences(model, cut, stop, model.travel(state, x, cut - start)):
+            yield [x] * (cut - start) + rest
+
+
+def load(path: Path = KNOWN) -> list[dict[str, Any]]:
+    """The known instances, each with its `model` added."""
+    out = []
+    for entry in json.loads(path.read_text(encoding="utf-8"))["instances"]:
+        if "general_model" in entry:
+            g = entry["general_model"]
+            model: Model = General(g["beta"], g["trans"], g["eta"], g["s1"])
+            known = {
+                "lookahead": g["L"], "optimal_value": g["result"]["Vopt"],
+                "haal_values": g["result"]["VH_all_tiebreaks"], "haa_values": g["result"]["V_HAA_L1"],
+            }  # fmt: skip
+        else:
+            model = Simple(entry["benefits"], entry["cost"], entry["initial_assignment"])
+            known = {
+                "lookahead": entry["lookahead"], "optimal_value": entry["optimal_value"],
+                "haal_values": [entry["haal_value"]], "haa_values": [entry["haa_value"]],
+            }  # fmt: skip
+        out.append({**entry, **known, "model": model})
+    return out
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Re-check the known instances in exact arithmetic.")
+    parser.add_argument("file", nargs="?", type=Path, default=KNOWN)
+    print(
+        f"{'instance':36} {'L':>2} {'optimum':>8} {'HAAL':>8} {'HAA':>8} {'HAAL+':>8} {'ratio':>7} {'c/(1+c)':>8}"
+    )
+    for entry in load(parser.parse_args().file):
+        model, lookahead = entry["model"], entry["lookahead"]
+        best = optimum(model)
+        haal, haa = haal_values(model, lookahead), haal_values(model, 1)
+        plus = model.value(haal_plan(model, lookahead, keep_plan=True))
+        c = model.least() / model.worst_handover()
+        mark = "  violated" if max(haal) < c / (1 + c) * best else ""
+        print(
+            f"{entry['name']:36} {lookahead:>2} {best!s:>8} {'/'.join(map(str, sorted(haal))):>8} "
+            f"{'/'.join(map(str, sorted(haa))):>8} {plus!s:>8} {float(max(haal) / best):>7.4f} "
+            f"{float(c / (1 + c)):>8.4f}{mark}"
+        )
+
+
+if __name__ == "__main__":
+    main()
