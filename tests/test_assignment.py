@@ -122,7 +122,7 @@ def test_any_matrix_against_enumeration(data: st.DataObject) -> None:
     n = data.draw(st.integers(1, 4))
     m = data.draw(st.integers(n, 5))
     matrix = data.draw(arrays((n, m), st.one_of(quarters, sparse_quarters, st.just(-np.inf))))
-    for values in (matrix, sp.csr_array(matrix)):
+    for values in (matrix, sp.csr_array(matrix), GainMatrix.from_matrix(matrix)):
         if full_assignment_exists(matrix > -np.inf):
             tasks = assign(values)
             assert is_assignment(tasks, n, m)

@@ -28,6 +28,15 @@ def unsorted_with_duplicates(step: np.ndarray) -> sp.csr_array:
     return sp.csr_array((data, indices, indptr), shape=step.shape)
 
 
+def full_of_zeros(step: np.ndarray) -> sp.csr_array:
+    """A sorted CSR that stores every pair, zeros included, one of them as 1 - 1."""
+    n, m = step.shape
+    rows = [np.concatenate([row, [1.0, -1.0]]) for row in step]
+    columns = [np.concatenate([np.arange(m), [0, 0]]) for _ in step]
+    indptr = np.arange(n + 1) * (m + 2)
+    return sp.csr_array((np.concatenate(rows), np.concatenate(columns), indptr), shape=step.shape)
+
+
 def in_memory_map(values: np.ndarray, folder: Path) -> np.ndarray:
     """The values as a read-only map of a file."""
     np.save(folder / "values.npy", values)
@@ -51,6 +60,8 @@ SPARSE: dict[str, Any] = {
         "csr_array": sp.csr_array, "csr_matrix": sp.csr_matrix, "csc_array": sp.csc_array,
         "coo_array": sp.coo_array, "coo_matrix": sp.coo_matrix, "lil_array": sp.lil_array, "dok_array": sp.dok_array,
         "bsr_array": sp.bsr_array, "dia_array": sp.dia_array, "unsorted with duplicates": unsorted_with_duplicates,
+        "full of zeros": full_of_zeros,
+        "stored zeros": lambda step: sp.csr_array((step.ravel(), [0, 1, 2] * 2, [0, 3, 6]), shape=step.shape),
         "float32 csr": lambda step: sp.csr_array(step, dtype=np.float32),
     }.items()
 }  # fmt: skip
