@@ -36,6 +36,23 @@ class PathOracle(Protocol):
 
 
 @runtime_checkable
+class SoftPathOracle(PathOracle, Protocol):
+    """An oracle that can also soften its maximum: what the fast dual ascent needs."""
+
+    @property
+    def scale(self) -> float:
+        """Typical size of a benefit."""
+
+    @property
+    def coldest(self) -> float:
+        """Lowest temperature that `soft_paths` can take."""
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Values (n,) of ``temperature * log sum exp(path value / temperature)`` over an agent's paths, and the
+        expected usage (T, m) of the tasks under the Gibbs distribution of the paths, summed over the agents."""
+
+
+@runtime_checkable
 class LocalModel(Protocol):
     """A finite state per agent, numbered 0..S-1 (the same number S for all agents).
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sapopt.dynamics import switching_paths_kernels as kernels
+from sapopt.dynamics import switching_paths_soft as soft
+from sapopt.dynamics import switching_paths_soft_idle as soft_idle
 from sapopt.dynamics.local import FloatArray, IntArray, PathOracle
 
 
@@ -51,12 +53,22 @@ class _Switching:
         """(T, n, m) of the window."""
         return self._shape
 
+    @property
+    def scale(self) -> float:
+        """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
+        finite = self.data[np.isfinite(self.data)]
+        return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+
     def _prices(self, prices: FloatArray) -> FloatArray:
         T, _, m = self._shape
         p = np.ascontiguousarray(prices, dtype=np.float64)
         if p.shape != (T, m):
             raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
         return p
+
+    def _threads(self) -> int:
+        # every chunk of the soft recursions sums up its own usage (T, m)
+        return min(max(1, self._shape[1]), int(numba.get_num_threads()))
 
     def _chunks(self) -> int:
         # a few chunks a thread even out the agents' different numbers of tasks
@@ -105,6 +117,25 @@ class StrictSwitching(_Switching):
         return float(value), path
 
 
+    @property
+    def coldest(self) -> float:
+        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
+        return self.cost / 300.0
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
+        p = self._prices(prices)
+        w = np.exp(-p / temperature)
+        shares = soft.soft_parking(w, self.excluded) if self.park else np.zeros((1, 1))
+        log_z, usage, mass = soft.soft_strict_paths(
+            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, temperature, self.start,
+            p, w, self.park, shares, self._threads(),
+        )  # fmt: skip
+        if self.park:
+            usage = usage + soft.spread_parking(p, temperature, self.excluded, shares, mass)
+        return temperature * log_z, usage
+
+
 class IdleFreeSwitching(_Switching):
     """Only a move into a positive benefit pays."""
 
@@ -130,6 +161,22 @@ class IdleFreeSwitching(_Switching):
             agent, self._shape[1], self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
         )
         return float(value), path
+
+    @property
+    def coldest(self) -> float:
+        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
+        return self.cost / 300.0
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
+        p = self._prices(prices)
+        w = np.exp(-p / temperature)
+        cheapest, rest, rank = soft_idle.cheapest_and_rest(p, w, min(self._shape[2], self._count + 32))
+        log_z, usage = soft_idle.soft_idle_free_paths(
+            self.indptr, self.indices, self.data, self._shape[1], self.cost, temperature, self.start, p, w,
+            cheapest, rest, rank, self._threads(),
+        )  # fmt: skip
+        return temperature * log_z, usage
 
 
 class MatrixSwitching(_Switching):

@@ -1,20 +1,37 @@
-"""Minimise the Lagrangian dual: `ascend(oracle) -> DualResult`."""
+"""Minimise the Lagrangian dual: `ascend(oracle) -> DualResult`.
+
+Two stages. Where the oracle can soften its paths, the smooth descent does nearly all of the work; subgradient steps
+follow until they change nothing. What other methods achieve is measured in `experiments/benchmarks/dual_ascent.py`.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sapopt.dynamics.local import FloatArray, PathOracle
-from sapopt.formulations.dual.lagrangian import dual_value
+from sapopt.dynamics.local import FloatArray, PathOracle, SoftPathOracle
+from sapopt.formulations.dual.lagrangian import DualValue, dual_value
+from sapopt.formulations.dual.smooth import SmoothDescent, SmoothState
+from sapopt.formulations.dual.subgradient import Subgradient, SubgradientState
+
+Callback = Callable[[int, float, FloatArray], bool | None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class DualState:
+    """Where an ascent stopped; `ascend(oracle, state=...)` goes on as if it had not."""
+
+    smooth: SmoothState | None
+    descent: SmoothDescent
+    subgradient: SubgradientState | None
+
+
+@dataclass(frozen=True, eq=False)
 class DualResult:
-    """Outcome of an ascent; pass `prices` on to start another one from here.
+    """Outcome of an ascent.
 
     Attributes
     ----------
@@ -23,78 +40,178 @@ class DualResult:
     bound : float
         Proven upper bound of the problem's optimum at `prices`.
     iterations : int
-        Evaluations of the dual function.
-    history : (iterations, 3) float array
-        Seconds since the start, value of this iteration, best bound so far.
+        Evaluations of all agents' paths, soft or not.
+    history : (records, 3) float array
+        Seconds since the start, value of the dual, best bound so far.
+    state : DualState
+        To resume from.
+    converged : bool
+        Whether it ended because nothing changed any more (or the target was met), not at a limit.
     """
 
     prices: FloatArray
     bound: float
     iterations: int
     history: FloatArray = field(repr=False)
+    state: DualState = field(repr=False)
+    converged: bool
+
+
+@dataclass
+class _Watch:
+    """The best prices so far, and the reasons to stop."""
+
+    stop_at: float
+    max_iterations: int
+    target: float | None
+    tolerance: float
+    callback: Callback | None
+    begin: float = field(default_factory=time.monotonic)
+    prices: FloatArray | None = None
+    bound: float = np.inf
+    iterations: int = 0
+    history: list[tuple[float, float, float]] = field(default_factory=list)
+    met: bool = False
+
+    def look(self, here: DualValue) -> None:
+        """Take notice of an evaluation."""
+        if self.prices is None or here.value < self.bound:
+            bound = here.bound
+            if self.prices is None or bound < self.bound:
+                self.prices, self.bound = here.prices, bound
+        self.history.append((time.monotonic() - self.begin, here.value, self.bound))
+        if self.target is not None and self.bound - self.target <= self.tolerance * abs(self.target):
+            self.met = True
+
+    def stop(self) -> bool:
+        """Whether to stop now; called once an iteration."""
+        self.iterations += 1
+        assert self.prices is not None
+        asked = self.callback is not None and self.callback(self.iterations - 1, self.bound, self.prices)
+        over = self.iterations >= self.max_iterations or time.monotonic() >= self.stop_at
+        return bool(asked) or over or self.met
 
 
 def ascend(
     oracle: PathOracle,
     prices: FloatArray | None = None,
     *,
+    state: DualState | None = None,
     time_limit: float | None = None,
     deadline: float | None = None,
-    max_iterations: int = 1500,
+    max_iterations: int | None = None,
     target: float | None = None,
-    tolerance: float = 1e-5,
-    callback: Callable[[int, float, FloatArray], bool | None] | None = None,
+    tolerance: float = 1e-6,
+    callback: Callback | None = None,
     seed: int = 0,
 ) -> DualResult:
-    """Subgradient descent with momentum, step halving on stall and restart from the best prices.
+    """Minimise D(mu) over mu >= 0.
 
     Parameters
     ----------
     oracle : PathOracle
-        Gives every agent's longest path under prices.
+        Gives every agent's longest path under prices; a `SoftPathOracle` makes it faster by far.
     prices : (T, m) float array, optional
-        Start; zero if not given.
+        Prices to start from; the result is never worse than they are.
+    state : DualState, optional
+        State of an earlier result, to go on from exactly there (`prices` may add better ones).
     time_limit, deadline : float, optional
-        Seconds from now, and a reading of `time.monotonic`; the ascent stops at the earlier one.
+        Seconds from now, and a reading of `time.monotonic`; the ascent stops at the earlier one. A limit that is too
+        short for the usual number of iterations makes the temperature fall faster.
+    max_iterations : int, optional
+        Most evaluations of all agents' paths (default 2000).
     target : float, optional
-        Value of the best plan known: the ascent stops when the bound meets it within `tolerance`.
+        Value of the best plan known; the ascent stops when the bound meets it within the relative `tolerance`.
     callback : callable, optional
         Called as callback(iteration, bound, best prices); a true answer stops the ascent.
+    seed : int
+        Accepted for uniformity: the ascent draws nothing at random, and without a time limit it reproduces exactly.
+
+    Returns
+    -------
+    DualResult
+
+    Raises
+    ------
+    ValueError
+        If the prices are negative, not finite, or of a wrong shape.
     """
     T, n, m = oracle.shape
     begin = time.monotonic()
-    stop_at = min(
-        np.inf if time_limit is None else begin + time_limit, np.inf if deadline is None else deadline
+    stop_at = min(begin + (np.inf if time_limit is None else time_limit), np.inf if deadline is None else deadline)
+    watch = _Watch(stop_at, 2000 if max_iterations is None else max_iterations, target, tolerance, callback, begin)
+    start = np.zeros((T, m)) if prices is None else np.asarray(prices, dtype=np.float64)
+    if start.shape != (T, m) or not np.isfinite(start).all() or (start < 0.0).any():
+        raise ValueError(f"prices: expected finite numbers >= 0 of shape {(T, m)}")
+    first = dual_value(oracle, start)
+    watch.look(first)
+    soft = isinstance(oracle, SoftPathOracle)
+    scale = oracle.scale if isinstance(oracle, SoftPathOracle) else _scale(first, n, T)
+    options = Subgradient() if soft else Subgradient(length=0.5, shortest=1e-5)
+    if state is None:
+        descent = SmoothDescent(iterations=min(200, max(1, int(0.6 * watch.max_iterations))))
+        if prices is not None:
+            descent = replace(descent, hot=0.05, iterations=min(100, descent.iterations))
+        smooth = descent.begin(start) if soft else None
+        state = DualState(smooth, descent, None)
+    if watch.stop():
+        return _result(watch, state, converged=watch.met)
+    if isinstance(oracle, SoftPathOracle) and state.smooth is not None:
+        state = _descend(oracle, state, watch)
+        if state.smooth is not None:
+            return _result(watch, state, converged=watch.met)
+    assert watch.prices is not None
+    sub = state.subgradient or options.begin(watch.prices, scale)
+    while not watch.met:
+        sub, here = options.step(oracle, sub)
+        watch.look(here)
+        if watch.stop() or options.converged(sub, scale):
+            break
+    done = watch.met or options.converged(sub, scale)
+    return _result(watch, DualState(None, state.descent, sub), converged=done)
+
+
+def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualState:
+    """The smooth stage; `smooth` of the returned state is None if it came to its end."""
+    smooth, descent = state.smooth, state.descent
+    assert smooth is not None
+    seconds = 0.0
+    while smooth.iteration < descent.iterations:
+        began = time.monotonic()
+        smooth = descent.step(oracle, smooth)
+        seconds = max(time.monotonic() - began, 0.5 * seconds)
+        left = watch.stop_at - time.monotonic()
+        remaining = descent.iterations - smooth.iteration
+        if np.isfinite(left) and remaining * seconds > 0.75 * left:
+            descent = _shortened(descent, smooth.iteration, max(0, int(0.75 * left / seconds)))
+        last = smooth.iteration >= descent.iterations
+        if smooth.iteration % 10 == 0 or last:
+            watch.look(dual_value(oracle, smooth.prices))
+        if watch.stop():
+            return DualState(None if last else smooth, descent, None)
+    return DualState(None, descent, None)
+
+
+def _shortened(descent: SmoothDescent, done: int, remaining: int) -> SmoothDescent:
+    """The same fall of temperature from here on, in fewer steps."""
+    total = max(1, descent.iterations - 1)
+    now = descent.hot * (descent.cold / descent.hot) ** min(1.0, done / total)
+    count = done + remaining
+    if remaining <= 1:
+        return replace(descent, iterations=count)
+    # choose `hot` so that step `done` is at temperature `now` and step `count - 1` at `cold`
+    share = done / max(1, count - 1)
+    hot = descent.cold * (now / descent.cold) ** (1.0 / max(1e-9, 1.0 - share))
+    return replace(descent, hot=min(hot, 1e6), iterations=count)
+
+
+def _scale(first: DualValue, n: int, T: int) -> float:
+    """A typical benefit, as far as path values tell: the mean value of an agent and step."""
+    return max(abs(first.value) / max(1, n * T), 1e-12)
+
+
+def _result(watch: _Watch, state: DualState, *, converged: bool) -> DualResult:
+    assert watch.prices is not None
+    return DualResult(
+        watch.prices, watch.bound, watch.iterations, np.array(watch.history).reshape(-1, 3), state, converged
     )
-    mu = np.zeros((T, m)) if prices is None else np.maximum(np.asarray(prices, dtype=np.float64), 0.0)
-    best_mu, best, bound = mu, np.inf, np.inf
-    velocity = np.zeros_like(mu)
-    history: list[tuple[float, float, float]] = []
-    step, stall = 0.0, 0
-    for iteration in range(max_iterations):
-        here = dual_value(oracle, mu)
-        history.append((time.monotonic() - begin, here.value, min(bound, here.bound)))
-        if iteration == 0:
-            # a first step that would move a price by some 5 % of a typical benefit of one agent and step
-            step = 0.05 * max(here.value, 1e-12) / (n * T) * 4.0
-        if here.value < best - 1e-7 * abs(best) if np.isfinite(best) else True:
-            stall = 0
-        else:
-            stall += 1
-        if here.bound < bound:
-            best_mu, best, bound = mu, here.value, here.bound
-        if callback is not None and callback(iteration, bound, best_mu):
-            break
-        if target is not None and bound - target <= tolerance * abs(target):
-            break
-        if time.monotonic() >= stop_at or step < 1e-7 * max(abs(best), 1e-12) / (n * T):
-            break
-        if stall >= 20:
-            step *= 0.5
-            stall = 0
-            mu = best_mu
-            velocity = np.zeros_like(mu)
-            continue
-        velocity = 0.9 * velocity + (here.usage - 1.0)
-        mu = np.maximum(mu + step * 0.1 * velocity, 0.0)
-    return DualResult(best_mu, bound, len(history), np.array(history).reshape(-1, 3))
