@@ -6,8 +6,8 @@ total gain is greatest. This is the assignment problem alpha(beta_hat) after the
 was subtracted.
 
 Rows are sorted by decreasing gain, so a search stops as soon as the rest of a row cannot matter. The duals are
-utilities ``u[i] >= 0`` and prices ``p[j] >= 0`` with ``u[i] + p[j] >= gain[i, j]``, tight on matched pairs, zero for idle
-agents and free tasks (Jonker and Volgenant, 1987; Bertsekas, 1998, chapter 7).
+utilities ``u[i] >= 0`` and prices ``p[j] >= 0`` with ``u[i] + p[j] >= gain[i, j]``, tight on matched pairs, zero for
+idle agents and free tasks (Jonker and Volgenant, 1987; Bertsekas, 1998, chapter 7).
 """
 
 from __future__ import annotations
@@ -18,11 +18,18 @@ from numba import njit
 from sapopt.kernels import ties
 from sapopt.kernels.heap import pop, push
 
-_ROUNDS = 10  # passes of row reduction before the searches; few agents wait after them, and a search costs more
+_ROUNDS = 10  # passes of row reduction; a search costs more than a pass over the few agents that still wait
 
 
 @njit(cache=True, nogil=True)
 def assign_and_park(row_start, tasks, gains, held, held_gain, order, careful):
+    """`solve_rows` without the prices."""
+    chosen, gain, parked, _ = solve_rows(row_start, tasks, gains, held, held_gain, order, careful)
+    return chosen, gain, parked
+
+
+@njit(cache=True, nogil=True)
+def solve_rows(row_start, tasks, gains, held, held_gain, order, careful):
     """Matching, canonical choice among ties, parking.
 
     Parameters
@@ -42,6 +49,8 @@ def assign_and_park(row_start, tasks, gains, held, held_gain, order, careful):
         Total gain over everybody idling.
     parked : bool
         See `park`.
+    p : ndarray of float64, shape (m,)
+        Optimal prices of the tasks.
     """
     starts, choices, worth = positive_rows(row_start, tasks, gains, held, held_gain)
     chosen, owner, u, p = match(starts, choices, worth, len(order))
@@ -54,7 +63,7 @@ def assign_and_park(row_start, tasks, gains, held, held_gain, order, careful):
                 e += 1
             gain += worth[e]
     parked = park(row_start, tasks, gains, held, held_gain, chosen, owner, order, careful)
-    return chosen, gain, parked
+    return chosen, gain, parked, p
 
 
 @njit(cache=True, nogil=True)
@@ -223,7 +232,7 @@ def _augment(
             else:
                 size = push(heap_key, heap_task, size, reach, j)
         # Next nearest task.
-        task = -1
+        task = np.int64(-1)
         while size > 0:
             key = heap_key[0]
             j = heap_task[0]

@@ -1,52 +1,57 @@
 """HAAL's search tree of one step, compiled, for sparse benefits and one switching cost.
 
-A node is a state (an assignment) at the start of an interval. Solving an interval from a node gives an assignment, which
-is the state of a node at the interval's end; equal states of one step are one node. The nodes stay until their step is
-past, with what was solved from them, so that the next search only has to solve what is new.
+A node is a state (an assignment) at the start of an interval. Solving an interval from a node gives an assignment,
+which is the state of a node at the interval's end; equal states of one step are one node. The nodes stay until their
+step is past, with what was solved from them, so that the next search only has to solve what is new.
+
+Half of the intervals end the window. They lead nowhere, only their value counts, and one is not solved while an upper
+bound says that no sequence through it can be the best. The bound is that of linear programming duality: with any prices
+p >= 0, an assignment gains at most ``sum p + sum_i max(0, max_j gain[i, j] - p[j])``. The prices are those of another
+state over the same window, which are close to optimal, for few agents have other tasks.
 
 Steps are stored in rings: the nodes of step a at ``a % (L + 1)``, window [a, b) in slot ``(a % L) * L + b - a - 1``.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from sapopt.kernels.matching import assign_and_park
+from sapopt.kernels.matching import solve_rows
 from sapopt.kernels.windows import listed_gain, longer_window
 
-OPEN = -1  # instead of a child: not solved yet
-_TIE = 1e-12
+OPEN = -1  # instead of a child: not solved
+_TIE = 1e-12  # relative difference below which two sequences are equal
+_MARGIN = (
+    1e-9  # relative; a bound must be lower than a known value by more than this, far above ties and rounding
+)
 
 
-class Windows(NamedTuple):
-    """Window sums as rows sorted by decreasing gain, one window a slot."""
+Windows = namedtuple("Windows", "row_start tasks gains negative")
+"""Window sums as rows sorted by decreasing gain, one window a slot: ``row_start`` of shape (L * L, n + 1), ``tasks``
+and ``gains`` of shape (L * L, capacity), ``negative`` of shape (L * L,): whether a gain is negative."""
 
-    row_start: np.ndarray  # (L * L, n + 1)
-    tasks: np.ndarray  # (L * L, capacity)
-    gains: np.ndarray  # (L * L, capacity)
-    negative: np.ndarray  # (L * L,) whether a gain is negative
+Prices = namedtuple("Prices", "known price top total")
+"""Prices for the bound, one window a slot: whether they are ``known``; ``price`` of shape (L * L, m), their ``total``,
+and ``top`` of shape (L * L, n): what an agent gains at most at these prices from tasks that it does not hold."""
 
-
-class Nodes(NamedTuple):
-    """States at every step, and the intervals solved from them."""
-
-    count: np.ndarray  # (L + 1,)
-    state: np.ndarray  # (L + 1, capacity, n), all -1 for the state before a first step without handover
-    key: np.ndarray  # (L + 1, capacity), hash of the state
-    child: np.ndarray  # (L + 1, capacity, L): node at the end of the interval of length l + 1, or OPEN
-    value: np.ndarray  # (L + 1, capacity, L): value of that interval
+Nodes = namedtuple("Nodes", "size state key child value")
+"""Nodes of every step: their number ``size``; ``state`` of shape (L + 1, capacity, n), all -1 before a first step
+without handover, and its hash ``key``; ``child`` and ``value`` of shape (L + 1, capacity, L): the node at the end of
+the interval of length l + 1, or OPEN, and the value of that interval."""
 
 
 @njit(cache=True, nogil=True)
-def add_step(windows, indptr, indices, data, m, first, last, entry_cost):
+def add_step(windows, prices, indptr, indices, data, m, first, last, entry_cost):
     """Make the windows ``[a, last + 1)`` for a from `first` to `last`.
 
     Parameters
     ----------
     windows : Windows
+    prices : Prices
+        Those of the new windows are forgotten.
     indptr, indices, data : arrays
         CSR rows of step `last`.
     m : int
@@ -56,26 +61,31 @@ def add_step(windows, indptr, indices, data, m, first, last, entry_cost):
         See `sapopt.kernels.windows.window_gains`.
     """
     lookahead = int(np.sqrt(len(windows.negative)))
-    for a in prange(first, last + 1):
+    total = np.empty(m)
+    seen = np.zeros(m, np.int64)
+    for a in range(first, last + 1):
         slot = (a % lookahead) * lookahead + last - a
+        prices.known[slot] = False
         before = np.zeros_like(indptr) if a == last else windows.row_start[slot - 1]
+        seen[:] = 0
         windows.negative[slot] = longer_window(
             before, windows.tasks[slot - 1], windows.gains[slot - 1], indptr, indices, data,
-            np.empty(m), np.zeros(m, np.int64), entry_cost if a == last else 0.0,
+            total, seen, entry_cost if a == last else 0.0,
             windows.row_start[slot], windows.tasks[slot], windows.gains[slot],
         )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def search(nodes, plain, charged, root, k, stop, cost, idle_is_free, order, threads):
+def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, order):
     """Find the first assignment of the best sequence of intervals over ``k .. stop - 1``.
 
     Parameters
     ----------
     nodes : Nodes
-        Changed in place.
     plain, charged : Windows
         Sums of the benefits; the same with the cost of entering a task charged where idling is free, else `plain`.
+    prices : Prices
+        Changed in place, as `nodes`.
     root : ndarray of int64, shape (n,)
         State at step k.
     k, stop : int
@@ -83,113 +93,171 @@ def search(nodes, plain, charged, root, k, stop, cost, idle_is_free, order, thre
     idle_is_free : bool
     order : ndarray of int64, shape (m,)
         Parking order.
-    threads : int
 
     Returns
     -------
     found : bool
-        False if no sequence is feasible, or if idle agents found no task in an interval: then idling is not free there,
-        and another way must be taken.
+        False if idle agents found no task in an interval: then idling is not free there, and another way must be taken.
     first : ndarray of int64, shape (n,)
     solved : int
         Intervals that had to be solved.
     """
     ring, capacity, n = nodes.state.shape
-    lookahead = ring - 1
-    reached = np.zeros((ring, capacity), np.bool_)
+    problem = plain, charged, prices, cost, idle_is_free, order
+    before = np.full((ring, capacity), -np.inf)  # value of the best way to a node; -inf if it is not reached
     root_node = _node(nodes, k, root.astype(np.int32), _hash(root))
-    reached[k % ring, root_node] = True
+    before[k % ring, root_node] = 0.0
     solved = 0
+    for start in range(k, stop - 1):
+        here = start % ring
+        for node in range(nodes.size[here]):
+            if before[here, node] == -np.inf:
+                continue
+            for cut in range(start + 1, stop):
+                length = cut - start
+                if nodes.child[here, node, length - 1] == OPEN:
+                    solved += 1
+                    if not _solve(nodes, start, node, length, problem):
+                        return False, root, solved
+                child = nodes.child[here, node, length - 1]
+                value = before[here, node] + nodes.value[here, node, length - 1]
+                before[cut % ring, child] = max(before[cut % ring, child], value)
+    count = _last_intervals(nodes, before, k, stop, problem)
+    if count < 0:
+        return False, root, solved
+    first = _best_cut(nodes, before, k, stop, root_node)
+    child = nodes.child[k % ring, root_node, first - 1]
+    return True, nodes.state[(k + first) % ring, child].astype(np.int64), solved + count
 
-    # Intervals that end before `stop` lead to new nodes, so their steps come one after another; the many that end at
-    # `stop` depend on no other and are solved together.
-    for start in range(k, stop + 1):
-        jobs = _open_jobs(nodes, reached, k, start, stop)
-        if len(jobs) > 0:
-            tasks, values, keys = _solve(nodes, plain, charged, jobs, cost, idle_is_free, order, threads)
-            solved += len(jobs)
-            for q in range(len(jobs)):
-                a, node, length = jobs[q]
-                if values[q] == np.inf:
-                    return False, root, solved
-                nodes.child[a % ring, node, length - 1] = _node(nodes, a + length, tasks[q], keys[q])
-                nodes.value[a % ring, node, length - 1] = values[q]
-        if start < stop:
-            for node in range(nodes.count[start % ring]):
-                if reached[start % ring, node]:
-                    for cut in range(start + 1, stop):
-                        reached[cut % ring, nodes.child[start % ring, node, cut - start - 1]] = True
 
+@njit(cache=True, nogil=True)
+def _last_intervals(nodes, before, k, stop, problem):
+    """Solve the intervals that end at `stop`, most promising first, as long as one may be part of the best sequence.
+
+    Returns their number, -1 if one cannot be solved.
+    """
+    ring, capacity = before.shape
+    start = np.empty(capacity, np.int64)
+    node = np.empty(capacity, np.int64)
+    bound = np.empty(capacity)
+    size = 0
+    top = -np.inf
+    for a in range(k, stop):
+        for v in range(nodes.size[a % ring]):
+            if before[a % ring, v] == -np.inf:
+                continue
+            if nodes.child[a % ring, v, stop - a - 1] == OPEN:
+                start[size] = a
+                node[size] = v
+                bound[size] = before[a % ring, v] + _bound(nodes, a, v, stop - a, problem)
+                size += 1
+            else:
+                top = max(top, before[a % ring, v] + nodes.value[a % ring, v, stop - a - 1])
+    solved = 0
+    while size > 0:
+        q = int(np.argmax(bound[:size]))
+        if bound[q] < top - _MARGIN * abs(top):
+            break
+        a, v, unpriced = start[q], node[q], bound[q] == np.inf
+        if not _solve(nodes, a, v, stop - a, problem):
+            return -1
+        solved += 1
+        top = max(top, before[a % ring, v] + nodes.value[a % ring, v, stop - a - 1])
+        size -= 1
+        start[q], node[q], bound[q] = start[size], node[size], bound[size]
+        if unpriced:  # now there are prices for the others
+            for r in range(size):
+                if start[r] == a:
+                    bound[r] = before[a % ring, node[r]] + _bound(nodes, a, node[r], stop - a, problem)
+    return solved
+
+
+@njit(cache=True, nogil=True)
+def _best_cut(nodes, before, k, stop, root_node):
+    """Length of the first interval of the best sequence; of equal ones the shortest."""
+    ring, capacity = before.shape
     best = np.zeros((ring, capacity))  # value of the best sequence from a node on; zero at `stop`
     first = 0
     for start in range(stop - 1, k - 1, -1):
         here = start % ring
-        for node in range(nodes.count[here]):
-            if not reached[here, node]:
+        for node in range(nodes.size[here]):
+            if before[here, node] == -np.inf:
                 continue
             top = -np.inf
-            for cut in range(start + 1, stop + 1):
-                total = nodes.value[here, node, cut - start - 1]
-                total += best[cut % ring, nodes.child[here, node, cut - start - 1]]
-                if cut == start + 1 or total > top + _TIE * abs(top):
+            for length in range(1, stop - start + 1):
+                child = nodes.child[here, node, length - 1]
+                if child == OPEN:
+                    continue
+                total = nodes.value[here, node, length - 1] + best[(start + length) % ring, child]
+                if total > -np.inf and (top == -np.inf or total > top + _TIE * abs(top)):
                     top = total
-                    first = cut - start
+                    first = length
             best[here, node] = top
-    child = nodes.child[k % ring, root_node, first - 1]
-    return True, nodes.state[(k + first) % ring, child].astype(np.int64), solved
+    return first
 
 
 @njit(cache=True, nogil=True)
-def _open_jobs(nodes, reached, k, start, stop):
-    """Unsolved intervals as rows (start, node, length): from `start` to before `stop`, or all to `stop` if they meet."""
-    ring, capacity = reached.shape
-    jobs = np.empty((capacity, 3), np.int64)
-    size = 0
-    for a in range(k if start == stop else start, min(start + 1, stop)):
-        for node in range(nodes.count[a % ring]):
-            if not reached[a % ring, node]:
-                continue
-            for b in range(stop if start == stop else a + 1, stop + 1 if start == stop else stop):
-                if nodes.child[a % ring, node, b - a - 1] == OPEN:
-                    jobs[size] = a, node, b - a
-                    size += 1
-    return jobs[:size]
-
-
-@njit(cache=True, nogil=True)
-def _solve(nodes, plain, charged, jobs, cost, idle_is_free, order, threads):
-    """Solve intervals side by side: assignments, values (inf where parking failed), hashes of the assignments."""
-    tasks = np.empty((len(jobs), nodes.state.shape[2]), np.int32)
-    values = np.empty(len(jobs))
-    keys = np.empty(len(jobs), np.int64)
-    for t in prange(threads):
-        for q in range(t, len(jobs), threads):  # long windows come first, so every thread gets its share of them
-            chosen, values[q] = _interval(nodes, plain, charged, jobs[q], cost, idle_is_free, order)
-            tasks[q] = chosen
-            keys[q] = _hash(chosen)
-    return tasks, values, keys
-
-
-@njit(cache=True, nogil=True)
-def _interval(nodes, plain, charged, job, cost, idle_is_free, order):
-    """Best single assignment of an interval and its value; inf if idle agents found no task."""
-    ring = len(nodes.count)
-    start, node, length = job
+def _entry(nodes, start, node, length, problem):
+    """Slot, rows, held tasks and their gains, and the common value of all other tasks, for an interval from a node."""
+    plain, charged, prices, cost, idle_is_free, order = problem
+    ring = len(nodes.size)
     slot = (start % (ring - 1)) * (ring - 1) + length - 1
     held = nodes.state[start % ring, node].astype(np.int64)
-    windows = plain
-    rest, bonus = 0.0, 0.0
+    windows, rest, bonus = plain, 0.0, 0.0
     if held[0] >= 0:
         if idle_is_free:
             windows = charged
         else:
             rest, bonus = -cost, cost
     held_gain = listed_gain(plain.row_start[slot], plain.tasks[slot], plain.gains[slot], held, bonus)
-    chosen, gain, parked = assign_and_park(
-        windows.row_start[slot], windows.tasks[slot], windows.gains[slot],
-        held, held_gain, order, windows.negative[slot],
-    )  # fmt: skip
-    return chosen, gain + len(held) * rest if parked else np.inf
+    return slot, windows, held, held_gain, rest
+
+
+@njit(cache=True, nogil=True)
+def _solve(nodes, start, node, length, problem):
+    """Solve an interval; False if idle agents found no task."""
+    slot, windows, held, held_gain, rest = _entry(nodes, start, node, length, problem)
+    prices, order = problem[2], problem[5]
+    row_start, tasks, gains = windows.row_start[slot], windows.tasks[slot], windows.gains[slot]
+    careful = windows.negative[slot]
+    chosen, gain, parked, p = solve_rows(row_start, tasks, gains, held, held_gain, order, careful)
+    if not parked:
+        return False
+    here = start % len(nodes.size)
+    child = _node(nodes, start + length, chosen.astype(np.int32), _hash(chosen))
+    nodes.child[here, node, length - 1] = child
+    nodes.value[here, node, length - 1] = gain + len(held) * rest
+    if not prices.known[slot]:
+        prices.known[slot] = True
+        prices.price[slot] = p
+        prices.total[slot] = p.sum()
+        for i in range(len(held)):
+            top = 0.0
+            for e in range(row_start[i], row_start[i + 1]):
+                if gains[e] <= top:
+                    break
+                top = max(top, gains[e] - p[tasks[e]])
+            prices.top[slot, i] = top
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _bound(nodes, start, node, length, problem):
+    """Upper bound of the value of an interval from a node; inf if its window has no prices yet."""
+    prices = problem[2]
+    ring = len(nodes.size)
+    slot = (start % (ring - 1)) * (ring - 1) + length - 1
+    if not prices.known[slot]:
+        return np.inf
+    slot, windows, held, held_gain, rest = _entry(nodes, start, node, length, problem)
+    price, top = prices.price[slot], prices.top[slot]
+    total = prices.total[slot]
+    for i in range(len(held)):
+        if held[i] >= 0:
+            total += rest + max(top[i], held_gain[i] - price[held[i]])
+        else:
+            total += top[i]
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -204,14 +272,13 @@ def _hash(tasks):
 @njit(cache=True, nogil=True)
 def _node(nodes, step, tasks, key):
     """Number of the node of a state at a step, a new one if there is none."""
-    here = step % len(nodes.count)
-    for node in range(nodes.count[here]):
+    here = step % len(nodes.size)
+    for node in range(nodes.size[here]):
         if nodes.key[here, node] == key and (nodes.state[here, node] == tasks).all():
             return node
-    node = nodes.count[here]
-    nodes.count[here] += 1
+    node = nodes.size[here]
+    nodes.size[here] += 1
     nodes.state[here, node] = tasks
     nodes.key[here, node] = key
     nodes.child[here, node] = OPEN
     return node
-

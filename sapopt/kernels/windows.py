@@ -60,7 +60,9 @@ def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
 
 
 @njit(cache=True, nogil=True)
-def longer_window(row_start, tasks, gains, indptr, indices, data, total, seen, entry_cost, out_start, out_tasks, out_gains):
+def longer_window(
+    row_start, tasks, gains, indptr, indices, data, total, seen, entry_cost, out_start, out_tasks, out_gains
+):
     """Add one more step at the end of a window: the rows of `window_gains`, from those of a window one step shorter.
 
     Parameters

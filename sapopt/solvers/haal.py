@@ -51,13 +51,13 @@ class HAAL:
 
     At every step all ways to cut the next L steps into intervals are tried. An interval is one assignment problem over
     the sum of its benefits plus the handover from the state before it. The first assignment of the best sequence is
-    executed. Sequences that begin alike share their first intervals, so 2^L - 1 assignment problems suffice, fewer where
-    different sequences lead to the same state; intervals solved at one step are remembered for the next.
+    executed. Sequences that begin alike share their first intervals, so 2^L - 1 assignment problems suffice, fewer
+    where different sequences lead to the same state; intervals solved at one step are remembered for the next.
 
-    For sparse benefits and one switching cost the whole search is compiled, and intervals that do not depend on each
-    other are solved by numba's threads (``NUMBA_NUM_THREADS``); the result does not depend on their number. It holds up
-    to 2^L states; above 512 MiB of them (L = 13 with 324 agents) the general search in Python takes over, as it does for
-    other dynamics and where an idle agent finds no task.
+    For sparse benefits and one switching cost the search is compiled and also skips last intervals that provably
+    cannot matter, see `sapopt.kernels.tree`. It holds up to 2^L states a step; where they would take more than 512 MiB
+    (from L = 15 on with 324 agents, from L = 11 on with 10 000), for other dynamics, and where an idle agent finds no
+    task, the search runs in Python, with the same result.
 
     Equal sequences: the one with the shortest first interval, then the shortest second one, and so on.
 

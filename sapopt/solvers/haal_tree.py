@@ -10,7 +10,7 @@ from sapopt.dynamics.switching import SwitchingCost
 from sapopt.outlook import Outlook, WindowSums
 from sapopt.types import IntArray
 
-_MOST_BYTES = 512 * 2**20  # for states; L = 12 at 324 agents
+_MOST_BYTES = 512 * 2**20  # for states
 
 
 class CompiledTree:
@@ -28,17 +28,22 @@ class CompiledTree:
     """
 
     def __init__(self, sums: WindowSums, lookahead: int, cost: float, idle_is_free: bool) -> None:
-        from sapopt.kernels.tree import Nodes
+        from sapopt.kernels.tree import Nodes, Prices
 
         self.sums = sums
         self.lookahead = lookahead
         self.cost = cost
         self.idle_is_free = idle_is_free
-        shape = (lookahead + 1, 2**lookahead)  # the trees of all steps that reach a step have fewer nodes there
+        # All trees that reach a step together have fewer than 2^L nodes there.
+        shape = (lookahead + 1, 2**lookahead)
         self._nodes = Nodes(
             np.zeros(shape[0], np.int64), np.empty((*shape, sums.n), np.int32), np.empty(shape, np.int64),
             np.empty((*shape, lookahead), np.int32), np.empty((*shape, lookahead)),
         )  # fmt: skip
+        slots = lookahead**2
+        self._prices = Prices(
+            np.zeros(slots, np.bool_), np.empty((slots, sums.m)), np.empty((slots, sums.n)), np.empty(slots)
+        )
         self._plain: Any = None
         self._charged: Any = None
         self._step = self._end = -1  # the windows between these steps are there
@@ -66,22 +71,33 @@ class CompiledTree:
         self._advance(k, stop)
         root = np.full(self.sums.n, -1) if outlook.state is None else outlook.state
         found, first, solved = search(
-            self._nodes, self._plain, self._charged, root, k, stop, self.cost, self.idle_is_free, order, 1
+            self._nodes,
+            self._plain,
+            self._charged,
+            self._prices,
+            root,
+            k,
+            stop,
+            self.cost,
+            self.idle_is_free,
+            order,
         )
         return (first if found else None), solved
 
     def forget_nodes(self) -> None:
         """Drop all that was solved."""
-        self._nodes.count[:] = 0
+        self._nodes.size[:] = 0
 
     def _advance(self, k: int, stop: int) -> None:
         """Drop the nodes of steps before k, make the windows up to `stop`."""
         if not self._step <= k <= self._end:
             self.forget_nodes()
             self._end = k
+        elif k == self._step:  # asked once more, perhaps in another state: there is room for one tree a step
+            self.forget_nodes()
         else:
             for step in range(self._step, k):
-                self._nodes.count[step % len(self._nodes.count)] = 0
+                self._nodes.size[step % len(self._nodes.size)] = 0
         self._step = k
         for last in range(self._end, stop):
             self._add(k, last)
@@ -97,9 +113,9 @@ class CompiledTree:
         if self._plain is None or held + len(rows.data) > self._plain.tasks.shape[1]:
             self._grow(2 * (held + len(rows.data)) + 1)
         step = (rows.indptr, rows.indices, rows.data, self.sums.m, first, last)
-        add_step(self._plain, *step, 0.0)
+        add_step(self._plain, self._prices, *step, 0.0)
         if self.idle_is_free:
-            add_step(self._charged, *step, self.cost)
+            add_step(self._charged, self._prices, *step, self.cost)
 
     def _grow(self, capacity: int) -> None:
         self._plain = self._grown(self._plain, capacity)
@@ -112,7 +128,9 @@ class CompiledTree:
         tasks = np.empty((slots, capacity), np.int32)
         gains = np.empty((slots, capacity))
         if old is None:
-            return Windows(np.empty((slots, self.sums.n + 1), np.int64), tasks, gains, np.zeros(slots, np.bool_))
+            return Windows(
+                np.empty((slots, self.sums.n + 1), np.int64), tasks, gains, np.zeros(slots, np.bool_)
+            )
         tasks[:, : old.tasks.shape[1]] = old.tasks
         gains[:, : old.gains.shape[1]] = old.gains
         return Windows(old.row_start, tasks, gains, old.negative)
