@@ -69,7 +69,9 @@ def plain_auction(
     agents = []
     for i in range(n):
         first = [int(held[i])] if held is not None else []
-        listed = sorted((j for j in range(m) if gains[i, j] != 0 and j not in first), key=lambda j: (-gains[i, j], j))
+        listed = sorted(
+            (j for j in range(m) if gains[i, j] != 0 and j not in first), key=lambda j: (-gains[i, j], j)
+        )
         start = int((i + 1) * GOLDEN % 1.0 * m) % m
         rest = [j for j in [*range(start, m), *range(start)] if j not in first and gains[i, j] == 0]
         agents.append(Bidder(i, [*first, *listed, *rest], gains[i], epsilon))
@@ -231,9 +233,7 @@ def plain_cbba(
 ) -> tuple[list[Bundler], int]:
     """Agents after the consensus on a window of benefits (L, n, m), and the rounds it took."""
     n = benefits.shape[1]
-    agents = [
-        Bundler(i, n, benefits[:, i], -1 if held is None else int(held[i]), cost) for i in range(n)
-    ]
+    agents = [Bundler(i, n, benefits[:, i], -1 if held is None else int(held[i]), cost) for i in range(n)]
     for agent in agents:
         agent.build()
     last, now, wait = 0, 0, 2 * diameter(graph)

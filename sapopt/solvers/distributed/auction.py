@@ -304,7 +304,7 @@ def _one_step(matrix: Any) -> GainMatrix:
         raise ValueError(
             f"{values.shape[0]} agents cannot each have one of {values.shape[1]} tasks; add idle tasks"
         )
-    data = values.data if sp.issparse(values) else values
+    data = np.asarray(values.data if sp.issparse(values) else values)
     if np.isnan(data).any() or np.isposinf(data).any():
         raise ValueError("matrix contains NaN or +inf; use -inf for a forbidden pair")
     return GainMatrix.from_matrix(values)

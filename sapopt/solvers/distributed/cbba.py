@@ -129,13 +129,14 @@ class CBBA:
             return changed
 
         def play_round(r: int) -> tuple[IntArray, np.ndarray]:
-            sent = y.copy(), z.copy(), stamps.copy()
             # Slots without a winner need not be sent: what is missing has none.
             sizes = HEADER_BYTES + _STAMP_BYTES * n + ENTRY_BYTES * (z >= 0).sum(axis=1)
             changed = np.zeros(n, dtype=bool)
-            consensus_phase(
-                network.link_start, network.links, r, disputed(y, z), y, z, stamps, *sent, changed
-            )
+            slots = disputed(y, z)
+            if len(slots) == 0:  # all know the same, so no rule changes anything: only the wait is left
+                return sizes, changed
+            sent = y.copy(), z.copy(), stamps.copy()
+            consensus_phase(network.link_start, network.links, r, slots, y, z, stamps, *sent, changed)
             return sizes, changed | bundles()
 
         bundles()

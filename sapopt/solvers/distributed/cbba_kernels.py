@@ -135,12 +135,12 @@ def release(i, m, y, z, path, order, count):
     return count
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def bundle_phase(
     n, m, steps, indptr, indices, data, held, cost, open_task, y, z, path, order, bids, count, changed
 ):
     """Release what was lost and build on, every agent."""
-    for i in prange(n):
+    for i in range(n):
         kept = release(i, m, y[i], z[i], path[i], order[i], count[i])
         if kept < count[i]:
             changed[i] = True

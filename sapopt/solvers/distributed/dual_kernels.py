@@ -8,7 +8,7 @@ other tasks are one place, *elsewhere*, where it waits for nothing; it comes las
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +87,7 @@ def follow(benefit, price, cost, idle_is_free, to_go, start, path):
         at = where
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def iterate(
     near_ptr, near, near_hops, slot_ptr, slot_task, benefit, place, held, cost, idle_is_free, price, price_mean,
     iterations, step, decay, hops,
@@ -109,7 +109,7 @@ def iterate(
     for r in range(iterations):
         now = r % (hops + 1)
         size = step / (1.0 + decay * r)
-        for i in prange(n):
+        for i in range(n):
             a, b = slot_ptr[i], slot_ptr[i + 1]
             to_go = np.empty((steps + 1, widest + 1))
             path = np.empty(steps, np.int64)
@@ -124,7 +124,7 @@ def iterate(
                 plans[now, i, t] = task
                 if r == 0 or plans[before, i, t] != task:
                     sent[r, i] = True
-        for i in prange(n):
+        for i in range(n):
             a, b = slot_ptr[i], slot_ptr[i + 1]
             excess = np.full((b - a, steps), -1.0)
             for q in range(near_ptr[i], near_ptr[i + 1]):

@@ -56,8 +56,7 @@ class Faults:
     def __post_init__(self) -> None:
         if not 0.0 <= self.loss < 1.0:
             raise ValueError(
-                f"loss must be a probability below 1, got {self.loss!r}; "
-                "use a Cut for links that are down"
+                f"loss must be a probability below 1, got {self.loss!r}; use a Cut for links that are down"
             )
         if isinstance(self.delay, bool) or int(self.delay) != self.delay or self.delay < 0:
             raise ValueError(f"delay must be a whole number of rounds, at least 0, got {self.delay!r}")

@@ -88,7 +88,7 @@ def test_optimal_for_integers(case: dict[str, Any]) -> None:
 @settings(max_examples=40, deadline=None)
 @given(cases, st.floats(1e-4, 3.0))
 def test_within_n_epsilon(case: dict[str, Any], epsilon: float) -> None:
-    """Any epsilon: within n epsilon of the best, never two agents on one task, and the certificate of the prices holds."""
+    """Any epsilon: within n epsilon of the best, never two agents on one task, and the prices prove it."""
     n, m = case["n"], case["n"] + case["extra"]
     matrix = np.random.default_rng(case["seed"]).random((n, m)) * (np.arange(m) % 3 > 0)
     result = DistributedAuction(epsilon, some_graph(n, case["kind"], case["seed"])).assign(matrix)

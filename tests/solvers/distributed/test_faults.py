@@ -70,7 +70,9 @@ def test_parts_use_only_the_tasks_they_keep(kind: str) -> None:
     n, m, steps = 4, 6, 3
     benefits = np.zeros((steps, n, m))
     benefits[0] = 1.0 * (np.arange(n)[:, None] == np.arange(m))
-    benefits[1:, 0, 3] = benefits[1:, 0, 5] = 5.0  # agent 0 wants what agent 3 holds and the free task of agent 1
+    benefits[1:, 0, 3] = benefits[1:, 0, 5] = (
+        5.0  # agent 0 wants what agent 3 holds and the free task of agent 1
+    )
     problem = SAP(benefits, 0.1, np.arange(n))
     faults = Faults(cuts=(Cut((0, 2), 1, 1),))
     rollout, traffic = play(problem, policy_of(kind, 0.01, graph=nx.complete_graph(n), faults=faults))

@@ -162,7 +162,9 @@ def test_bad_input() -> None:
         return str(error.value)
 
     split = nx.Graph([(0, 1), (2, 3)])
-    assert "graph at step 0 is not connected (2 parts); pass allow_disconnected=True" in message(HAALD(2, graph=split))
+    assert "graph at step 0 is not connected (2 parts); pass allow_disconnected=True" in message(
+        HAALD(2, graph=split)
+    )
     assert "graph at step 1 is not connected" in message(HAALD(2, graph=[nx.path_graph(4), split]))
     assert "graph has 5 nodes, but the problem has 4 agents" in message(HAALD(2, graph=nx.path_graph(5)))
     assert "graph at step 1 has 3" in message(HAALD(2, graph=[nx.path_graph(4), nx.path_graph(3)]))
