@@ -53,6 +53,17 @@ class SoftPathOracle(PathOracle, Protocol):
 
 
 @runtime_checkable
+class FirstValueOracle(PathOracle, Protocol):
+    """An oracle that can value every first task: what `DualLookahead` needs."""
+
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count.
+
+        -inf where the first task is forbidden.
+        """
+
+
+@runtime_checkable
 class LocalModel(Protocol):
     """A finite state per agent, numbered 0..S-1 (the same number S for all agents).
 
@@ -98,6 +109,22 @@ class LocalOracle:
         step = self._benefits.step(k) if hasattr(self._benefits, "step") else self._benefits[k]
         row = step[[agent]].toarray()[0] if hasattr(step, "toarray") else step[agent]
         return np.asarray(row, dtype=np.float64)
+
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
+        T, n, m = self._shape
+        later = np.array(prices, dtype=np.float64)
+        later[0] = 0.0
+        values = np.empty((n, m))
+        for i in range(n):
+            to_go = np.zeros(self._model.state_count())
+            for k in range(T - 1, -1, -1):
+                benefit = self._benefit(k, i)
+                successor, handover = self._model.step(k, i, benefit)
+                total = (benefit - later[k])[None, :] + handover + to_go[successor]
+                to_go = total.max(axis=1)
+            values[i] = total[self._model.start(i)]
+        return values
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent under `prices` (T, m)."""

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sapopt.dynamics import switching_paths_first as first
 from sapopt.dynamics import switching_paths_kernels as kernels
 from sapopt.dynamics import switching_paths_soft as soft
 from sapopt.dynamics import switching_paths_soft_idle as soft_idle
@@ -117,6 +118,13 @@ class StrictSwitching(_Switching):
         return float(value), path
 
 
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
+        values: FloatArray = first.first_values(
+            self.indptr, self.indices, self.data, self._shape[1], self.cost, False, self.start, self._prices(prices)
+        )
+        return values
+
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
@@ -162,6 +170,13 @@ class IdleFreeSwitching(_Switching):
         )
         return float(value), path
 
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
+        values: FloatArray = first.first_values(
+            self.indptr, self.indices, self.data, self._shape[1], self.cost, True, self.start, self._prices(prices)
+        )
+        return values
+
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
@@ -205,6 +220,13 @@ class MatrixSwitching(_Switching):
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
         values, plan = self._paths(prices, agent, agent + 1)
         return float(values[0]), plan[:, 0]
+
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
+        values: FloatArray = first.first_values_matrix(
+            self.indptr, self.indices, self.data, self._shape[1], self.cost, self.idle_is_free, self.start, self._prices(prices)
+        )
+        return values
 
 
 def oracle(benefits: Any, dynamics: Any, state: Any = None) -> PathOracle:

@@ -1,0 +1,92 @@
+"""Dual lookahead: a receding horizon that prices the competition instead of enumerating intervals.
+
+At every step the tasks of the next `window` steps are priced by a few iterations of dual descent, warm-started from the
+step before. The prices of the later steps tell every agent what the best continuation from each task is worth; with
+these values the current step is one assignment problem, so its assignment is free of conflicts. The cost is linear in
+the window, where HAAL's is exponential in the lookahead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sapopt.dynamics.local import FirstValueOracle, SoftPathOracle
+from sapopt.formulations.dual.lagrangian import lowered
+from sapopt.formulations.dual.smooth import SmoothDescent
+from sapopt.formulations.dual.subgradient import Subgradient
+from sapopt.outlook import Outlook
+from sapopt.problem import SAP
+from sapopt.solvers.base import check_lookahead
+from sapopt.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class DualLookahead:
+    """Decide step by step, by the Lagrangian dual of the next `window` steps.
+
+    Parameters
+    ----------
+    window : int
+        Steps looked at, the current one among them. 1 is alpha(beta_hat).
+    iterations : int
+        Price iterations at every step; the first step gets four times as many, as it has no prices to start from.
+
+    Notes
+    -----
+    Needs an agent-local dynamics: one with a `path_oracle` that values first tasks (every `SwitchingCost`).
+    Nothing is random.
+    """
+
+    window: int
+    iterations: int = 30
+
+    def __post_init__(self) -> None:
+        check_lookahead(self.window, "window")
+        check_lookahead(self.iterations, "iterations")
+
+    @property
+    def name(self) -> str:
+        """Name with options, for tables."""
+        return f"DualLookahead(window={self.window})"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | None:
+        """No prices yet."""
+        if not hasattr(problem.model, "path_oracle"):
+            raise ValueError(
+                f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has no path_oracle"
+            )
+        return None
+
+    def act(self, outlook: Outlook, memory: FloatArray | None) -> tuple[IntArray, FloatArray | None]:
+        """Prices of the window, then one assignment problem."""
+        benefits = outlook.benefits(self.window)
+        oracle = outlook.model.path_oracle(benefits, outlook.state)
+        if not isinstance(oracle, FirstValueOracle):
+            raise ValueError(
+                f"DualLookahead: the path oracle of {type(outlook.problem.dynamics).__name__} has no first_values"
+            )
+        T, _, m = oracle.shape
+        if T == 1:
+            return outlook.assign(oracle.first_values(np.zeros((1, m)))), None
+        prices = np.zeros((T, m))
+        if memory is not None:
+            known = min(T, len(memory) - 1)
+            prices[:known] = memory[1 : known + 1]
+        prices = self._priced(oracle, prices, memory is None)
+        return outlook.assign(oracle.first_values(prices)), prices
+
+    def _priced(self, oracle: FirstValueOracle, prices: FloatArray, first: bool) -> FloatArray:
+        iterations = 4 * self.iterations if first else self.iterations
+        if isinstance(oracle, SoftPathOracle):
+            descent = SmoothDescent(iterations, hot=0.5 if first else 0.1, cold=0.02, rate=0.2)
+            state = descent.begin(prices)
+            for _ in range(iterations):
+                state = descent.step(oracle, state)
+            return lowered(state.prices)
+        method = Subgradient(length=0.5)
+        walk = method.begin(prices, 1.0)
+        for _ in range(iterations):
+            walk, _ = method.step(oracle, walk)
+        return walk.best
