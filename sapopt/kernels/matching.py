@@ -215,7 +215,7 @@ def _augment(
         for e in range(row_start[i], row_start[i + 1]):
             if base - gains[e] >= end_length:
                 break
-            j = tasks[e]
+            j = np.int64(tasks[e])
             if done[j] or owner[j] == i:
                 continue
             reach = length + max(0.0, u[i] + p[j] - gains[e])
@@ -228,7 +228,7 @@ def _augment(
             via[j] = i
             if owner[j] < 0:
                 end_length = reach
-                end_task = np.int64(j)
+                end_task = j
             else:
                 size = push(heap_key, heap_task, size, reach, j)
         # Next nearest task.

@@ -108,6 +108,7 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
     n = len(chosen)
     m = len(owner)
     option = np.empty(m + 1, np.int64)
+    wanted = np.empty(m + 1, np.int64)
     seen = np.full(n + 1, -1, np.int64)
     parent = np.empty(n + 1, np.int64)
     taken = np.empty(n + 1, np.int64)
@@ -116,10 +117,15 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
     for i in range(n):
         current = chosen[i] if chosen[i] >= 0 else m
         size = _tight(i, row_start, tasks, gains, u, p, tol, option)
-        wanted = np.sort(option[:size])
         for w in range(size):
-            j = wanted[w]
-            if j >= current:
+            wanted[w] = option[w]
+        last = -1
+        while True:
+            j = current  # the next smallest wish
+            for w in range(size):
+                if last < wanted[w] < j:
+                    j = wanted[w]
+            if j == current:
                 break
             stamp += 1
             if _redirect(
@@ -127,6 +133,7 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
                 seen, parent, taken, queue, option,
             ):  # fmt: skip
                 break
+            last = j
 
 
 @njit(cache=True, nogil=True)

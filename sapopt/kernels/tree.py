@@ -62,15 +62,13 @@ def add_step(windows, prices, indptr, indices, data, m, first, last, entry_cost)
     """
     lookahead = int(np.sqrt(len(windows.negative)))
     total = np.empty(m)
-    seen = np.zeros(m, np.int64)
     for a in range(first, last + 1):
         slot = (a % lookahead) * lookahead + last - a
         prices.known[slot] = False
-        before = np.zeros_like(indptr) if a == last else windows.row_start[slot - 1]
-        seen[:] = 0
+        before = np.zeros(len(indptr), np.int64) if a == last else windows.row_start[slot - 1]
         windows.negative[slot] = longer_window(
             before, windows.tasks[slot - 1], windows.gains[slot - 1], indptr, indices, data,
-            total, seen, entry_cost if a == last else 0.0,
+            total, np.zeros(m, np.int64), entry_cost if a == last else 0.0,
             windows.row_start[slot], windows.tasks[slot], windows.gains[slot],
         )  # fmt: skip
 
@@ -105,7 +103,7 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
     ring, capacity, n = nodes.state.shape
     problem = plain, charged, prices, cost, idle_is_free, order
     before = np.full((ring, capacity), -np.inf)  # value of the best way to a node; -inf if it is not reached
-    root_node = _node(nodes, k, root.astype(np.int32), _hash(root))
+    root_node = _node(nodes, k, root, _hash(root))
     before[k % ring, root_node] = 0.0
     solved = 0
     for start in range(k, stop - 1):
@@ -224,13 +222,15 @@ def _solve(nodes, start, node, length, problem):
     if not parked:
         return False
     here = start % len(nodes.size)
-    child = _node(nodes, start + length, chosen.astype(np.int32), _hash(chosen))
+    child = _node(nodes, start + length, chosen, _hash(chosen))
     nodes.child[here, node, length - 1] = child
     nodes.value[here, node, length - 1] = gain + len(held) * rest
     if not prices.known[slot]:
         prices.known[slot] = True
-        prices.price[slot] = p
-        prices.total[slot] = p.sum()
+        prices.total[slot] = 0.0
+        for j in range(len(p)):
+            prices.price[slot, j] = p[j]
+            prices.total[slot] += p[j]
         for i in range(len(held)):
             top = 0.0
             for e in range(row_start[i], row_start[i + 1]):
@@ -274,11 +274,18 @@ def _node(nodes, step, tasks, key):
     """Number of the node of a state at a step, a new one if there is none."""
     here = step % len(nodes.size)
     for node in range(nodes.size[here]):
-        if nodes.key[here, node] == key and (nodes.state[here, node] == tasks).all():
+        if nodes.key[here, node] != key:
+            continue
+        same = True
+        for i in range(len(tasks)):
+            same &= nodes.state[here, node, i] == tasks[i]
+        if same:
             return node
     node = nodes.size[here]
     nodes.size[here] += 1
-    nodes.state[here, node] = tasks
     nodes.key[here, node] = key
-    nodes.child[here, node] = OPEN
+    for i in range(len(tasks)):
+        nodes.state[here, node, i] = tasks[i]
+    for length in range(nodes.child.shape[2]):
+        nodes.child[here, node, length] = OPEN
     return node

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_INSERT = 64  # longest row that is sorted by insertion
+_INSERT = 64  # rows up to this length are sorted by plain insertion
 
 
 @njit(cache=True, nogil=True)
@@ -113,27 +113,27 @@ def longer_window(
 
 @njit(cache=True, nogil=True)
 def _fill_sorted(tasks, gains, total, begin, end):
-    """Write the gains of one row by decreasing gain, equal gains by ascending task."""
-    if end - begin > _INSERT:
-        own = np.sort(tasks[begin:end])
-        key = np.empty(end - begin)
-        for e in range(end - begin):
-            key[e] = -total[own[e]]
-        order = np.argsort(key, kind="mergesort")
-        for e in range(end - begin):
-            tasks[begin + e] = own[order[e]]
-            gains[begin + e] = -key[order[e]]
-        return
+    """Write the gains of one row by decreasing gain, equal gains by ascending task (Shell's sort)."""
     for e in range(begin, end):
-        j = tasks[e]
-        g = total[j]
-        q = e
-        while q > begin and (gains[q - 1] < g or (gains[q - 1] == g and tasks[q - 1] > j)):
-            gains[q] = gains[q - 1]
-            tasks[q] = tasks[q - 1]
-            q -= 1
-        gains[q] = g
-        tasks[q] = j
+        gains[e] = total[tasks[e]]
+    gap = 1
+    while gap < (end - begin) // _INSERT:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for e in range(begin + gap, end):
+            j = tasks[e]
+            g = gains[e]
+            q = e
+            while q >= begin + gap:
+                other = q - gap
+                if gains[other] > g or (gains[other] == g and tasks[other] < j):
+                    break
+                gains[q] = gains[other]
+                tasks[q] = tasks[other]
+                q = other
+            gains[q] = g
+            tasks[q] = j
+        gap //= 3
 
 
 @njit(cache=True, nogil=True)
