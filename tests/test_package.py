@@ -81,8 +81,8 @@ def run(code: str) -> str:
 
 
 def test_import_is_fast() -> None:
-    """`import sapopt` takes less than a second (best of five: other processes may have the cores)."""
-    code = "import time; t = time.perf_counter(); import sapopt; print(time.perf_counter() - t)"
+    """`import sapopt` takes less than a second, in processor time: other processes may have the cores."""
+    code = "import time; t = time.process_time(); import sapopt; print(time.process_time() - t)"
     fastest = min(float(run(code)) for _ in range(5))
     assert fastest < 1.0
 
