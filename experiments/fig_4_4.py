@@ -1,4 +1,4 @@
-"""Figure 4.4 (Holder 2024): 1000 satellites, 812 even tasks and 188 of zero benefit: value, and one satellite's history.
+"""Figure 4.4 (Holder 2024): 1000 satellites, 812 even tasks, 188 of zero benefit: value, and one satellite's history.
 
 python experiments/fig_4_4.py [--steps 93] [--lookahead 3] [--satellite 900] [--workers 2] [--out DIR]
 """

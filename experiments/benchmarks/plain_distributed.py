@@ -1,12 +1,13 @@
 """Plain per-agent versions of HAAL-D and CBBA: one object per agent, whole tables in every packet, Python loops.
 
-The baseline of the speed comparison and an independent check: the library's kernels must give the same rounds and tables.
+The baseline of the speed comparison and an independent check: the library's kernels must give the same rounds and the
+same tables.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import networkx as nx
 import numpy as np
@@ -107,7 +108,7 @@ def plain_haald(
         for cuts in combinations(range(1, steps), count):
             edges = [0, *cuts, steps]
             value, at = 0.0, held
-            for a, b in zip(edges[:-1], edges[1:], strict=True):
+            for a, b in pairwise(edges):
                 tasks = solved[a, b]
                 value += benefits[a:b, everyone, tasks].sum()
                 value -= 0.0 if at is None else cost * (tasks != at).sum()
@@ -180,8 +181,7 @@ class Bundler:
     def moves(self, path: dict[int, int]) -> float:
         """Handover cost of a path."""
         tasks = [self.held, *(path[t] for t in sorted(path))]
-        pairs = zip(tasks[:-1], tasks[1:], strict=True)
-        return self.cost * sum(a >= 0 and a != b for a, b in pairs)
+        return self.cost * sum(a >= 0 and a != b for a, b in pairwise(tasks))
 
     def build(self) -> bool:
         """Release what was lost, add what is won; whether anything changed."""

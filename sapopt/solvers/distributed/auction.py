@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,20 @@ class Auctions:
 
 
 def gain_rows(matrix: Matrix) -> GainMatrix:
-    """A benefit matrix as sorted rows of gains."""
-    return matrix if isinstance(matrix, GainMatrix) else GainMatrix.from_matrix(matrix)
+    """A benefit matrix as sorted rows of gains over a common value.
+
+    With a handover cost the common value of an array is not zero but minus the cost. It must be found, since only tasks
+    of the common value are tried in an order of each agent's own; else all idle agents would bid for the same ones.
+    """
+    if isinstance(matrix, GainMatrix):
+        return matrix
+    if matrix.min() >= 0:
+        return GainMatrix.from_matrix(matrix)
+    values, counts = np.unique(matrix[np.isfinite(matrix)], return_counts=True)
+    if counts.max() <= 1:
+        return GainMatrix.from_matrix(matrix)
+    rest = float(values[counts.argmax()])
+    return replace(GainMatrix.from_matrix(matrix - rest), rest=rest)
 
 
 def spread_over(count: int, m: int) -> IntArray:
@@ -307,4 +319,4 @@ def _one_step(matrix: Any) -> GainMatrix:
     data = np.asarray(values.data if sp.issparse(values) else values)
     if np.isnan(data).any() or np.isposinf(data).any():
         raise ValueError("matrix contains NaN or +inf; use -inf for a forbidden pair")
-    return GainMatrix.from_matrix(values)
+    return GainMatrix.from_matrix(values) if sp.issparse(values) else gain_rows(values)

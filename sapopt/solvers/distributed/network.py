@@ -12,7 +12,7 @@ import numpy as np
 from sapopt.types import IntArray
 
 _KEPT = 4
-"""Networks a `Networks` keeps converted: distances of some thousand agents take tens of megabytes a step."""
+"""Networks whose distances a `Networks` keeps; those of some thousand agents take tens of megabytes a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Network:
         if isinstance(graph, Network):
             if graph.n != n:
                 raise ValueError(f"graph has {graph.n} nodes, but the problem has {n} agents")
-            return graph
+            return cls(graph.link_start, graph.links)
         if not hasattr(graph, "number_of_nodes"):
             raise ValueError(
                 f"graph must be a networkx graph or a list of one per step, got {type(graph).__name__}"
@@ -182,10 +182,13 @@ class Networks:
         """Network of a step."""
         index = step if len(self._graphs) > 1 else 0
         if index not in self._kept:
-            if len(self._kept) >= _KEPT:
-                self._kept.pop(next(iter(self._kept)))
             try:
-                self._kept[index] = Network.from_graph(self._graphs[index], self.n)
+                network = Network.from_graph(self._graphs[index], self.n)
             except ValueError as error:
                 raise ValueError(f"step {step}: {error}") from None
+            # The links stay converted; the distances found with them do not.
+            self._graphs[index] = Network(network.link_start, network.links)
+            if len(self._kept) >= _KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[index] = network
         return self._kept[index]
