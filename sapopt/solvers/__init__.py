@@ -1,8 +1,16 @@
 """Solvers: policies that decide step by step and planners that see the whole horizon."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from sapopt.solvers.distributed import CBBA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.haal import HAA, HAAL
 from sapopt.solvers.policy import AssignmentPolicy, Greedy, NoHandover, myopic
+
+if TYPE_CHECKING:
+    from sapopt.solvers.dual_decomposition import DualDecomposition
+    from sapopt.solvers.dual_lookahead import DualLookahead
+    from sapopt.solvers.exact import Exact
 
 __all__ = [
     "CBBA",
@@ -13,7 +21,27 @@ __all__ = [
     "CentralHAALD",
     "DistributedAuction",
     "DistributedDualLookahead",
+    "DualDecomposition",
+    "DualLookahead",
+    "Exact",
     "Greedy",
     "NoHandover",
     "myopic",
 ]
+
+# These load numba or a solver library, so they are imported when they are first asked for.
+_LAZY = {
+    "DualDecomposition": "sapopt.solvers.dual_decomposition",
+    "DualLookahead": "sapopt.solvers.dual_lookahead",
+    "Exact": "sapopt.solvers.exact",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    raise AttributeError(f"module 'sapopt.solvers' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})
