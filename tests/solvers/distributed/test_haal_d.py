@@ -185,3 +185,46 @@ def test_complete_by_default(count: int) -> None:
     problem = SAP(np.random.default_rng(count).random((2, count, 8)), 0.2)
     _, traffic = play(problem, HAALD(2))
     assert traffic[0].components == 1
+
+
+class Weary:
+    """A user's dynamics: an agent that works two steps running gains less; the state counts the steps."""
+
+    def initial_state(self, problem: SAP) -> Any:
+        return np.zeros(problem.n)
+
+    def handover(self, k: int, state: Any) -> Any:
+        eta = np.zeros((len(state), 6))
+        eta[:, :4] = -np.minimum(state, 3.0)[:, None]
+        return eta
+
+    def transition(self, k: int, state: Any, assignment: Any) -> Any:
+        return np.where(assignment < 4, state + 1, 0.0)
+
+
+def test_users_dynamics() -> None:
+    """Any dynamics will do; with L = 1 and integers every step is as good as alpha(beta_hat)."""
+    values = np.random.default_rng(5).integers(0, 6, (5, 4, 6)).astype(float)
+    problem = SAP(values, Weary())
+    one = problem.evaluate(rollout(problem, HAALD(1, 0.2, ring(4))).plan)
+    first = problem.evaluate(rollout(problem, HAA()).plan)
+    assert one.benefit[0] + one.handover[0] == first.benefit[0] + first.handover[0]
+    for lookahead in (2, 3):
+        problem.evaluate(rollout(problem, HAALD(lookahead, 0.2, ring(4))).plan)
+
+
+def test_a_short_forecast() -> None:
+    """Only the forecast is looked at, however short."""
+    values = np.random.default_rng(6).random((5, 3, 4))
+    problem = SAP(values, 0.2)
+    seen = rollout(problem, HAALD(3, 1e-3, ring(3)), forecast=lambda k, steps: values[k : k + 1])
+    assert (seen.plan == rollout(problem, HAALD(1, 1e-3, ring(3))).plan).all()
+
+
+def test_idle_agents_of_an_array_do_not_crowd() -> None:
+    """Idle agents of a dense problem with handovers take few rounds to find places of their own."""
+    values = np.zeros((2, 20, 30))
+    values[1, 10:, :10] = 5.0  # ten agents must go, and ten have their places taken
+    problem = SAP(values, 1.0, np.arange(20))
+    _, traffic = play(problem, HAALD(1, 0.01, nx.complete_graph(20)))
+    assert traffic[1].rounds < 40
