@@ -1,7 +1,7 @@
 """DualLookahead against HAAL with the same lookahead: value, share of the proven bound, time per step.
 
-    python experiments/benchmarks/lookahead.py [--instance constellation-mid] [--windows 1 2 3 6 10 20] [--seeds 0 ... 9]
-        [--bound-time 60] [--out FILE]
+    python experiments/benchmarks/lookahead.py [--instance constellation-mid] [--windows 1 2 3 6 10 20]
+        [--seeds 0 ... 9] [--bound-time 60] [--out FILE]
 
 The bound is that of `bound(problem)`; ``--bound-time 0`` leaves it out. Kernels are compiled before the clock starts.
 """

@@ -22,7 +22,7 @@ class Method:
     default: int | None = None
 
 
-_ALL = (
+METHODS = (
     Method("no-handover", "NoHandover", "the best assignment of each step, as if handovers were free"),
     Method("greedy", "Greedy", "agent by agent, the task that is best now"),
     Method("haa", "HAA", "Algorithm 1: the best assignment of each step, handovers charged"),
@@ -34,8 +34,6 @@ _ALL = (
     Method("exact", "Exact", "an optimal plan, if time allows; proves a bound"),
 )
 
-METHODS = tuple(m for m in _ALL if hasattr(sapopt.solvers, m.class_name))  # while solvers are being added
-
 
 @dataclass(frozen=True)
 class NamedSolver:
@@ -43,11 +41,6 @@ class NamedSolver:
 
     name: str
     solver: Any
-
-
-def is_offered(spec: str) -> bool:
-    """Whether the library has the solver of a specification."""
-    return spec.partition(":")[0] in {method.name for method in METHODS}
 
 
 def methods_help() -> str:

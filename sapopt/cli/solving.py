@@ -24,13 +24,12 @@ from sapopt.cli.app import (
     check_agent,
     check_time,
 )
-from sapopt.cli.names import is_offered, methods_help, parse_solver, parse_solvers
+from sapopt.cli.names import methods_help, parse_solver, parse_solvers
 from sapopt.cli.output import Output
 from sapopt.cli.progress import Reporter
 from sapopt.result import Status
 
-_COMPARED = "no-handover greedy haa haal:2 haal:3 haal:6 dual-lookahead:6 dual-decomposition"
-DEFAULT_SOLVERS = ",".join(spec for spec in _COMPARED.split() if is_offered(spec))
+DEFAULT_SOLVERS = "no-handover,greedy,haa,haal:2,haal:3,haal:6,dual-lookahead:6,dual-decomposition"
 
 
 @app.command(name="compare")
