@@ -6,7 +6,7 @@ shared between sequences and nothing comes from sapopt.
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -19,7 +19,7 @@ def sequences(start: int, stop: int) -> list[list[tuple[int, int]]]:
     for count in range(len(inner) + 1):
         for cuts in combinations(inner, count):
             edges = [start, *cuts, stop]
-            out.append(list(zip(edges[:-1], edges[1:], strict=True)))
+            out.append(list(pairwise(edges)))
     return sorted(out)
 
 

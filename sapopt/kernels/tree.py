@@ -4,10 +4,11 @@ A node is a state (an assignment) at the start of an interval. Solving an interv
 which is the state of a node at the interval's end; equal states of one step are one node. The nodes stay until their
 step is past, with what was solved from them, so that the next search only has to solve what is new.
 
-Half of the intervals end the window. They lead nowhere, only their value counts, and one is not solved while an upper
-bound says that no sequence through it can be the best. The bound is that of linear programming duality: with any prices
-p >= 0, an assignment gains at most ``sum p + sum_i max(0, max_j gain[i, j] - p[j])``. The prices are those of another
-state over the same window, which are close to optimal, for few agents have other tasks.
+An interval that ends the window leads nowhere, only its value counts, and it is not solved while an upper bound says
+that no sequence through it can be the best; neither is one that ends a step earlier, so that just one way is left. The
+bound is that of linear programming duality: with any prices p >= 0, an assignment gains at most
+``sum p + sum_i max(0, max_j gain[i, j] - p[j])``. The prices are those of another state over the same window, which are
+close to optimal, for few agents have other tasks.
 
 Steps are stored in rings: the nodes of step a at ``a % (L + 1)``, window [a, b) in slot ``(a % L) * L + b - a - 1``.
 """
@@ -23,19 +24,18 @@ from sapopt.kernels.matching import solve_rows
 from sapopt.kernels.windows import listed_gain, longer_window
 
 OPEN = -1  # instead of a child: not solved
+_UNPRICED = 1e300  # bound of what has no prices yet
 _TIE = 1e-12  # relative difference below which two sequences are equal
-_MARGIN = (
-    1e-9  # relative; a bound must be lower than a known value by more than this, far above ties and rounding
-)
-
+_MARGIN = 1e-9  # relative; a bound must be lower than a known value by more, far above ties and rounding
 
 Windows = namedtuple("Windows", "row_start tasks gains negative")
 """Window sums as rows sorted by decreasing gain, one window a slot: ``row_start`` of shape (L * L, n + 1), ``tasks``
 and ``gains`` of shape (L * L, capacity), ``negative`` of shape (L * L,): whether a gain is negative."""
 
-Prices = namedtuple("Prices", "known price top total")
+Prices = namedtuple("Prices", "known price top total rough")
 """Prices for the bound, one window a slot: whether they are ``known``; ``price`` of shape (L * L, m), their ``total``,
-and ``top`` of shape (L * L, n): what an agent gains at most at these prices from tasks that it does not hold."""
+``top`` of shape (L * L, n): what an agent gains at most at these prices from tasks that it does not hold, and the sum
+``rough`` of all these and the prices."""
 
 Nodes = namedtuple("Nodes", "size state key child value")
 """Nodes of every step: their number ``size``; ``state`` of shape (L + 1, capacity, n), all -1 before a first step
@@ -114,6 +114,8 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
             for cut in range(start + 1, stop):
                 length = cut - start
                 if nodes.child[here, node, length - 1] == OPEN:
+                    if cut == stop - 1:
+                        continue
                     solved += 1
                     if not _solve(nodes, start, node, length, problem):
                         return False, root, solved
@@ -130,43 +132,65 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
 
 @njit(cache=True, nogil=True)
 def _last_intervals(nodes, before, k, stop, problem):
-    """Solve the intervals that end at `stop`, most promising first, as long as one may be part of the best sequence.
+    """Solve the intervals that end at `stop` or one step before it, as long as one may be part of the best sequence.
 
-    Returns their number, -1 if one cannot be solved.
+    The most promising one comes first. It is solved when its bound is sharp, and otherwise gets a sharper one; as long
+    as its window has no prices, there is none. Returns the number solved, -1 if one cannot be solved.
     """
     ring, capacity = before.shape
-    start = np.empty(capacity, np.int64)
-    node = np.empty(capacity, np.int64)
-    bound = np.empty(capacity)
+    start = np.empty(2 * capacity, np.int64)
+    node = np.empty(2 * capacity, np.int64)
+    length = np.empty(2 * capacity, np.int64)
+    bound = np.empty(2 * capacity)
+    sharp = np.zeros(2 * capacity, np.bool_)
+    pair_top = np.empty((ring - 1, nodes.state.shape[2]))
+    pair_known = np.zeros(ring - 1, np.bool_)
     size = 0
-    top = -np.inf
-    for a in range(k, stop):
-        for v in range(nodes.size[a % ring]):
-            if before[a % ring, v] == -np.inf:
-                continue
-            if nodes.child[a % ring, v, stop - a - 1] == OPEN:
-                start[size] = a
-                node[size] = v
-                bound[size] = before[a % ring, v] + _bound(nodes, a, v, stop - a, problem)
-                size += 1
-            else:
-                top = max(top, before[a % ring, v] + nodes.value[a % ring, v, stop - a - 1])
+    top = -np.inf  # value of the best sequence so far
+    for end in (stop, stop - 1):
+        for a in range(k, end):
+            rest = _rough_bound(a, end, stop, ring - 1, problem)
+            for v in range(nodes.size[a % ring]):
+                if before[a % ring, v] == -np.inf:
+                    continue
+                if nodes.child[a % ring, v, end - a - 1] == OPEN:
+                    start[size], node[size], length[size] = a, v, end - a
+                    bound[size] = before[a % ring, v] + rest
+                    size += 1
+                elif end == stop:
+                    top = max(top, before[a % ring, v] + nodes.value[a % ring, v, end - a - 1])
     solved = 0
     while size > 0:
         q = int(np.argmax(bound[:size]))
         if bound[q] < top - _MARGIN * abs(top):
             break
-        a, v, unpriced = start[q], node[q], bound[q] == np.inf
-        if not _solve(nodes, a, v, stop - a, problem):
-            return -1
-        solved += 1
-        top = max(top, before[a % ring, v] + nodes.value[a % ring, v, stop - a - 1])
+        a, v, end = start[q], node[q], start[q] + length[q]
+        here = before[a % ring, v]
+        if not sharp[q]:
+            sharp[q] = True
+            if end == stop:
+                bound[q] = here + _bound(nodes, a, v, stop, problem)
+            else:
+                bound[q] = here + _pair_bound(nodes, a, v, stop, problem, pair_top, pair_known)
+            if bound[q] < _UNPRICED:
+                continue
         size -= 1
-        start[q], node[q], bound[q] = start[size], node[size], bound[size]
-        if unpriced:  # now there are prices for the others
-            for r in range(size):
-                if start[r] == a:
-                    bound[r] = before[a % ring, node[r]] + _bound(nodes, a, node[r], stop - a, problem)
+        start[q], node[q], length[q] = start[size], node[size], length[size]
+        bound[q], sharp[q] = bound[size], sharp[size]
+        if nodes.child[a % ring, v, end - a - 1] == OPEN:
+            if not _solve(nodes, a, v, end - a, problem):
+                return -1
+            solved += 1
+        value = here + nodes.value[a % ring, v, end - a - 1]
+        child = nodes.child[a % ring, v, end - a - 1]
+        if end == stop:
+            top = max(top, value)
+        elif value > before[end % ring, child]:
+            before[end % ring, child] = value
+            start[size], node[size], length[size] = end, child, 1
+            bound[size] = value + _rough_bound(end, stop, stop, ring - 1, problem)
+            sharp[size] = False
+            size += 1
     return solved
 
 
@@ -238,25 +262,81 @@ def _solve(nodes, start, node, length, problem):
                     break
                 top = max(top, gains[e] - p[tasks[e]])
             prices.top[slot, i] = top
+        prices.rough[slot] = prices.total[slot] + prices.top[slot].sum()
     return True
 
 
 @njit(cache=True, nogil=True)
-def _bound(nodes, start, node, length, problem):
-    """Upper bound of the value of an interval from a node; inf if its window has no prices yet."""
+def _rough_bound(start, end, stop, lookahead, problem):
+    """What `_bound` or, if the interval ends before `stop`, `_pair_bound` is at most for any state."""
+    prices, cost, idle_is_free = problem[2], problem[3], problem[4]
+    slot = (start % lookahead) * lookahead + end - start - 1
+    last = ((stop - 1) % lookahead) * lookahead
+    saved = 2.0 * prices.top.shape[1] * cost if idle_is_free else 0.0
+    if end == stop:
+        return saved + prices.rough[slot] if prices.known[slot] else np.inf
+    return (
+        saved + prices.rough[slot] + prices.rough[last]
+        if prices.known[slot] and prices.known[last]
+        else _UNPRICED
+    )
+
+
+@njit(cache=True, nogil=True)
+def _bound(nodes, start, node, stop, problem):
+    """Upper bound of the value of the interval from a node to `stop`; infinite as long as its window has no prices."""
     prices = problem[2]
-    ring = len(nodes.size)
-    slot = (start % (ring - 1)) * (ring - 1) + length - 1
-    if not prices.known[slot]:
+    lookahead = len(nodes.size) - 1
+    if not prices.known[(start % lookahead) * lookahead + stop - start - 1]:
         return np.inf
-    slot, windows, held, held_gain, rest = _entry(nodes, start, node, length, problem)
+    slot, windows, held, held_gain, rest = _entry(nodes, start, node, stop - start, problem)
     price, top = prices.price[slot], prices.top[slot]
-    total = prices.total[slot]
+    total = prices.total[slot] + len(held) * rest
     for i in range(len(held)):
-        if held[i] >= 0:
-            total += rest + max(top[i], held_gain[i] - price[held[i]])
-        else:
-            total += top[i]
+        total += max(top[i], held_gain[i] - price[held[i]]) if held[i] >= 0 else top[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
+    """Upper bound of the value of two intervals from a node, to ``stop - 1`` and from there to `stop`.
+
+    An agent either has a task x in the first and an unrelated one in the second, or x in both; the gains of x over both
+    are those of the window of both. What an agent gets from tasks that it does not hold is the same for all nodes of
+    step `start` and kept in `pair_top`.
+    """
+    prices, cost, idle_is_free = problem[2], problem[3], problem[4]
+    lookahead = len(nodes.size) - 1
+    both = (start % lookahead) * lookahead + stop - start - 1
+    last = ((stop - 1) % lookahead) * lookahead
+    if not prices.known[both - 1] or not prices.known[last]:
+        return _UNPRICED
+    slot, windows, held, held_gain, rest = _entry(nodes, start, node, stop - 1 - start, problem)
+    p, q = prices.price[slot], prices.price[last]
+    stay = 0.0 if idle_is_free else cost  # saved in the second interval by an agent that keeps its task
+    if not pair_known[start % lookahead]:
+        pair_known[start % lookahead] = True
+        row_start, tasks, gains = windows.row_start[both], windows.tasks[both], windows.gains[both]
+        for i in range(len(held)):
+            top = 0.0
+            for e in range(row_start[i], row_start[i + 1]):
+                if gains[e] <= top:
+                    break
+                top = max(top, gains[e] - p[tasks[e]] - q[tasks[e]])
+            apart = prices.top[slot, i] + prices.top[last, i]
+            pair_top[start % lookahead, i] = max(apart, top + stay)
+    plain = problem[0]
+    bonus = -rest  # saved in the first interval by an agent that keeps the task it holds
+    both_gain = listed_gain(plain.row_start[both], plain.tasks[both], plain.gains[both], held, bonus + stay)
+    total = prices.total[slot] + prices.total[last] + len(held) * (rest - stay)
+    top = pair_top[start % lookahead]
+    for i in range(len(held)):
+        gain = top[i]
+        j = held[i]
+        if j >= 0:
+            apart = held_gain[i] - p[j] + prices.top[last, i]
+            gain = max(gain, max(apart, both_gain[i] - p[j] - q[j]))
+        total += gain
     return total
 
 

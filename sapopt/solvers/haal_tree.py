@@ -42,7 +42,11 @@ class CompiledTree:
         )  # fmt: skip
         slots = lookahead**2
         self._prices = Prices(
-            np.zeros(slots, np.bool_), np.empty((slots, sums.m)), np.empty((slots, sums.n)), np.empty(slots)
+            np.zeros(slots, np.bool_),
+            np.empty((slots, sums.m)),
+            np.empty((slots, sums.n)),
+            np.empty(slots),
+            np.empty(slots),
         )
         self._plain: Any = None
         self._charged: Any = None
