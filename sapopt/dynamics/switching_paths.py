@@ -46,7 +46,9 @@ class _Switching:
         if state is not None:
             held = np.asarray(state, dtype=np.int64)
             if held.shape != (n,) or (n and (held.min() < 0 or held.max() >= m)):
-                raise ValueError(f"state: expected the previous task of each of {n} agents, numbers in 0..{m - 1}")
+                raise ValueError(
+                    f"state: expected the previous task of each of {n} agents, numbers in 0..{m - 1}"
+                )
             self.start = held.copy()
 
     @property
@@ -66,6 +68,9 @@ class _Switching:
         if p.shape != (T, m):
             raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
         return p
+
+    def _rows(self) -> tuple[IntArray, NDArray[np.int32], FloatArray, int]:
+        return self.indptr, self.indices, self.data, self._shape[1]
 
     def _threads(self) -> int:
         # every chunk of the soft recursions sums up its own usage (T, m)
@@ -112,16 +117,16 @@ class StrictSwitching(_Switching):
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        n = self._shape[1]
         value, path = kernels.strict_path_all_tasks(
-            agent, self._shape[1], self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
+            agent, n, self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
         )
         return float(value), path
-
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
         values: FloatArray = first.first_values(
-            self.indptr, self.indices, self.data, self._shape[1], self.cost, False, self.start, self._prices(prices)
+            *self._rows(), self.cost, False, self.start, self._prices(prices)
         )
         return values
 
@@ -159,21 +164,22 @@ class IdleFreeSwitching(_Switching):
         p = self._prices(prices)
         cheapest = kernels.cheapest_tasks(p, self._count)
         values, plan = kernels.idle_free_paths(
-            self.indptr, self.indices, self.data, self._shape[1], self.cost, self.start, p, cheapest, self._chunks()
+            *self._rows(), self.cost, self.start, p, cheapest, self._chunks()
         )
         return values, plan
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        n = self._shape[1]
         value, path = kernels.idle_free_path(
-            agent, self._shape[1], self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
+            agent, n, self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
         )
         return float(value), path
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
         values: FloatArray = first.first_values(
-            self.indptr, self.indices, self.data, self._shape[1], self.cost, True, self.start, self._prices(prices)
+            *self._rows(), self.cost, True, self.start, self._prices(prices)
         )
         return values
 
@@ -188,9 +194,8 @@ class IdleFreeSwitching(_Switching):
         w = np.exp(-p / temperature)
         cheapest, rest, rank = soft_idle.cheapest_and_rest(p, w, min(self._shape[2], self._count + 32))
         log_z, usage = soft_idle.soft_idle_free_paths(
-            self.indptr, self.indices, self.data, self._shape[1], self.cost, temperature, self.start, p, w,
-            cheapest, rest, rank, self._threads(),
-        )  # fmt: skip
+            *self._rows(), self.cost, temperature, self.start, p, w, cheapest, rest, rank, self._threads()
+        )
         return temperature * log_z, usage
 
 
@@ -207,9 +212,8 @@ class MatrixSwitching(_Switching):
 
     def _paths(self, prices: FloatArray, first: int, last: int) -> tuple[FloatArray, IntArray]:
         values, plan = kernels.matrix_paths(
-            self.indptr, self.indices, self.data, self._shape[1], self.cost, self.idle_is_free, self.start,
-            self._prices(prices), first, last,
-        )  # fmt: skip
+            *self._rows(), self.cost, self.idle_is_free, self.start, self._prices(prices), first, last
+        )
         return values, plan
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -224,7 +228,7 @@ class MatrixSwitching(_Switching):
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
         values: FloatArray = first.first_values_matrix(
-            self.indptr, self.indices, self.data, self._shape[1], self.cost, self.idle_is_free, self.start, self._prices(prices)
+            *self._rows(), self.cost, self.idle_is_free, self.start, self._prices(prices)
         )
         return values
 

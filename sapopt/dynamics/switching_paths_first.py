@@ -5,6 +5,8 @@ the price of the first step left out. With these values as benefits, one assignm
 without conflicts, while the prices stand for the competition at the later ones.
 """
 
+# mypy: allow-untyped-defs, allow-untyped-calls
+
 from __future__ import annotations
 
 import numpy as np

@@ -118,8 +118,9 @@ def _parking_task(prices, excluded, table, least, a, b, agent):
 
 @njit(cache=True, fastmath=_FAST)
 def _strict_path(
-    agent, n, indptr, entry_slot, data, slots, cost, start, prices, park, P, park_task, excluded, V, moved, argbest, W, out
-):
+    agent, n, indptr, entry_slot, data, slots, cost, start, prices, park, P, park_task, excluded,
+    V, moved, argbest, W, out,
+):  # fmt: skip
     """Longest path of one agent under the strict rule; writes it to `out` (T,) and returns its value."""
     T = prices.shape[0]
     S = slots.size
@@ -175,15 +176,16 @@ def _strict_path(
                 at = argbest[k]
         else:
             out[k] = slots[at]
-            if moved[k, at]:
-                if k > 0:
-                    at = argbest[k - 1]
+            if moved[k, at] and k > 0:
+                at = argbest[k - 1]
             k -= 1
     return best
 
 
 @njit(cache=True, parallel=True)
-def strict_paths(indptr, entry_slot, data, slot_ptr, slot_task, cost, start, prices, park, P, park_task, excluded, chunks):
+def strict_paths(
+    indptr, entry_slot, data, slot_ptr, slot_task, cost, start, prices, park, P, park_task, excluded, chunks
+):
     """All agents' longest paths under the strict rule. Returns (values (n,), plan (T, n))."""
     T = prices.shape[0]
     n = slot_ptr.size - 1
@@ -355,7 +357,9 @@ def idle_free_path(agent, n, indptr, indices, data, cost, start, prices):
 
 
 @njit(cache=True)
-def _matrix_path(agent, n, indptr, indices, data, cost, idle_is_free, start, prices, V, new, origin, dense, out):
+def _matrix_path(
+    agent, n, indptr, indices, data, cost, idle_is_free, start, prices, V, new, origin, dense, out
+):
     """Longest path of one agent with a full (m, m) matrix of move costs; `origin` (T, m) holds predecessors."""
     T, m = prices.shape
     for k in range(T):

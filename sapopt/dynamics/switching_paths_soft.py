@@ -86,8 +86,9 @@ def spread_parking(prices, eps, excluded, log_S, mass):
 
 @njit(cache=True, fastmath=_FAST)
 def _soft_strict(
-    agent, n, indptr, entry_slot, data, slots, q, eps, start, prices, w, park, log_S, A, scale, enter, leave, level_after, B, gain, usage, mass
-):
+    agent, n, indptr, entry_slot, data, slots, q, eps, start, prices, w, park, log_S,
+    A, scale, enter, leave, level_after, B, gain, usage, mass,
+):  # fmt: skip
     """One agent: adds its occupancy to `usage` and its parking intervals to `mass`; returns log Z."""
     T = w.shape[0]
     size = slots.size

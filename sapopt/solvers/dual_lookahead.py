@@ -40,7 +40,7 @@ class DualLookahead:
     """
 
     window: int
-    iterations: int = 30
+    iterations: int = 60
 
     def __post_init__(self) -> None:
         check_lookahead(self.window, "window")

@@ -138,8 +138,12 @@ def ascend(
     """
     T, n, m = oracle.shape
     begin = time.monotonic()
-    stop_at = min(begin + (np.inf if time_limit is None else time_limit), np.inf if deadline is None else deadline)
-    watch = _Watch(stop_at, 2000 if max_iterations is None else max_iterations, target, tolerance, callback, begin)
+    stop_at = min(
+        begin + (np.inf if time_limit is None else time_limit), np.inf if deadline is None else deadline
+    )
+    watch = _Watch(
+        stop_at, 2000 if max_iterations is None else max_iterations, target, tolerance, callback, begin
+    )
     start = np.zeros((T, m)) if prices is None else np.asarray(prices, dtype=np.float64)
     if start.shape != (T, m) or not np.isfinite(start).all() or (start < 0.0).any():
         raise ValueError(f"prices: expected finite numbers >= 0 of shape {(T, m)}")

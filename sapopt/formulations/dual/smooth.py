@@ -4,9 +4,9 @@ Every agent's longest path is softened to ``eps log sum_paths exp(value / eps)``
 gradient is 1 - usage, where usage is the expected number of agents on (step, task) under the Gibbs distributions of
 their paths. The step is the one of matrix scaling (Sinkhorn), damped: ``mu += rate * eps * log(usage)``. It is a
 gradient step preconditioned by the usage, keeps its size sensible where many agents crowd on one task, and comes with
-Nesterov's momentum (restarted when it points uphill). Instead of solving a sequence of problems at fixed temperatures, eps falls a
-little with every step. Idle agents spread over free tasks by themselves, which a subgradient can only do by
-alternating; where there is no spare task this is worth a hundredfold.
+Nesterov's momentum, restarted when it points uphill. Instead of solving a sequence of problems at fixed temperatures,
+eps falls a little with every step. Idle agents spread over the free tasks by themselves, which a subgradient can only
+do by alternating; where there is no spare task that decides everything.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Subgradient descent with momentum on the Lagrangian dual: for any path oracle, and the last digits after smoothing."""
+"""Subgradient descent with momentum on the dual: for any path oracle, and for the last digits after smoothing."""
 
 from __future__ import annotations
 
@@ -47,9 +47,7 @@ class Subgradient:
 
     def begin(self, prices: FloatArray, scale: float) -> SubgradientState:
         """State before the first step."""
-        return SubgradientState(
-            prices, np.zeros_like(prices), self.length * scale, 0, prices, np.inf, 0
-        )
+        return SubgradientState(prices, np.zeros_like(prices), self.length * scale, 0, prices, np.inf, 0)
 
     def converged(self, state: SubgradientState, scale: float) -> bool:
         """Whether further steps would change next to nothing."""
