@@ -8,7 +8,6 @@ spare and agents can only swap.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -20,35 +19,43 @@ from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, move_
 
 
 @njit(cache=True, parallel=True)
-def step_back(kernel, k, prices, later, now):  # type: ignore[no-untyped-def]
-    """From the futures after step k + 1, later[i, j], fill those after step k, now[i, j]."""
+def priced_futures(kernel, prices, start, end, futures):  # type: ignore[no-untyped-def]
+    """Fill futures[k - start, i, j] with the value of agent i's best path after it held task j at step k < end."""
     indptr, indices, data, n, cost, matrix, idle_is_free = kernel
-    m = prices.shape[1]
+    steps, m = prices.shape
     by_pair = matrix.shape[0] > 0
     for i in prange(n):
-        enter = np.empty(m)
-        row = np.zeros(m)
-        for q in range(indptr[(k + 1) * n + i], indptr[(k + 1) * n + i + 1]):
-            row[indices[q]] = data[q]
-        best = -np.inf
-        for j in range(m):
-            enter[j] = later[i, j] + row[j] - prices[k + 1, j]
-            best = max(best, enter[j] - cost if row[j] > 0.0 or not idle_is_free else enter[j])
-        for a in range(m):
-            value = enter[a]
-            if by_pair:
+        now, enter, row = np.zeros(m), np.empty(m), np.zeros(m)
+        for k in range(steps - 1, start - 1, -1):
+            if k < end:
                 for j in range(m):
-                    value = max(value, enter[j] - move_cost(kernel, a, j, row[j]))
-            else:
-                value = max(value, best)
-            now[i, a] = value
+                    futures[k - start, i, j] = now[j]
+            if k == start:
+                break
+            # from the futures after step k to those after step k - 1
+            lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
+            for q in range(lo, hi):
+                row[indices[q]] = data[q]
+            best = -np.inf
+            for j in range(m):
+                enter[j] = now[j] + row[j] - prices[k, j]
+                best = max(best, enter[j] - cost if row[j] > 0.0 or not idle_is_free else enter[j])
+            for a in range(m):
+                now[a] = enter[a]
+                if by_pair:
+                    for j in range(m):
+                        now[a] = max(now[a], enter[j] - move_cost(kernel, a, j, row[j]))
+                else:
+                    now[a] = max(now[a], best)
+            for q in range(lo, hi):
+                row[indices[q]] = 0.0
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True)
 def step_weights(kernel, k, held, future, weights):  # type: ignore[no-untyped-def]
     """Fill weights[i, j]: benefit at step k, less the handover from held[i], plus future[i, j]."""
     indptr, indices, data, n, cost, matrix, idle_is_free = kernel
-    for i in prange(n):
+    for i in range(n):
         row = np.zeros(future.shape[1])
         for q in range(indptr[k * n + i], indptr[k * n + i + 1]):
             row[indices[q]] = data[q]
@@ -56,37 +63,41 @@ def step_weights(kernel, k, held, future, weights):  # type: ignore[no-untyped-d
             weights[i, j] = future[i, j] + row[j] - move_cost(kernel, held[i], j, row[j])
 
 
-def rolling_plan(arrays: Arrays, prices: Floats, stop: Callable[[], Any] = lambda: False) -> Ints | None:
-    """Return the plan (T, n) of the rolling assignment under ``prices`` (T, m), or None when ``stop()`` came true.
+def rolling_plan(
+    arrays: Arrays,
+    prices: Floats,
+    stop: Callable[[], Any] = lambda: False,
+    *,
+    block: int = 10,
+    reprice: Callable[[int, Ints, Floats], Floats] | None = None,
+) -> Ints | None:
+    """Return the plan of the rolling assignment, or None when ``stop()`` came true.
 
-    About 2 sqrt(T) matrices of single-precision futures are in memory: those of every sqrt(T)-th step, from which the
-    ones between are computed again.
+    Parameters
+    ----------
+    prices : (T, m)
+        Prices of the cells.
+    block : int
+        Steps whose futures, ``block * n * m`` numbers of single precision, are in memory at a time.
+    reprice : callable, optional
+        ``reprice(k, held, prices of the steps k..T-1)`` gives new prices for these steps before every block but the
+        first. The prices were those of the whole problem; what is left of it, from the assignment that is really held,
+        has slightly others, and where no task is spare that is most of what the rolling assignment loses.
     """
     steps, n, m = arrays.steps, arrays.agents, arrays.tasks
-    stride = max(1, math.isqrt(steps - 1) + 1)
-    kept: dict[int, Any] = {steps - 1: np.zeros((n, m), np.float32)}
-    later = kept[steps - 1]
-    for k in range(steps - 2, -1, -1):
-        now = np.empty_like(later)
-        step_back(arrays.kernel, k, prices, later, now)
-        if k % stride == stride - 1:
-            kept[k] = now
-        later = now
-        if stop():
-            return None
     plan = np.zeros((steps, n), np.int64)
     held = arrays.initial
     weights = np.empty((n, m))
-    block: dict[int, Any] = {}
-    for k in range(steps):
-        if k not in kept and k not in block:
-            end = min(k - k % stride + stride - 1, steps - 1)
-            block = {end: kept[end]}
-            for back in range(end - 1, k - 1, -1):
-                block[back] = np.empty((n, m), np.float32)
-                step_back(arrays.kernel, back, prices, block[back + 1], block[back])
-        step_weights(arrays.kernel, k, held, block[k] if k in block else kept[k], weights)
-        held = plan[k] = linear_sum_assignment(weights, maximize=True)[1]
-        if stop():
-            return None
+    futures = np.zeros((min(block, steps), n, m), np.float32)
+    for start in range(0, steps, block):
+        end = min(start + block, steps)
+        if start > 0 and reprice is not None:
+            prices = prices.copy()
+            prices[start:] = reprice(start, held, prices[start:])
+        priced_futures(arrays.kernel, prices, start, end, futures)
+        for k in range(start, end):
+            step_weights(arrays.kernel, k, held, futures[k - start], weights)
+            held = plan[k] = linear_sum_assignment(weights, maximize=True)[1]
+            if stop():
+                return None
     return plan

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sapopt.control import Run
-from sapopt.formulations.dual import ascend
+from sapopt.dynamics.local import PathOracle, SoftPathOracle
+from sapopt.formulations.dual import DualResult, ascend, dual_value
+from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.outlook import rollout
 from sapopt.problem import SAP
 from sapopt.result import Status
@@ -29,6 +31,13 @@ _DUAL_SHARE = 0.35
 """Share of a time limit after which the first ascent yields to the search for plans."""
 
 
+_BLOCK = 6
+"""Steps between two repricings."""
+
+_REPRICING_HEAT = 0.01
+"""Temperature of the repricing, in typical benefits."""
+
+
 @dataclass(frozen=True)
 class DualDecomposition:
     """Near-optimal plans for the whole horizon, with a proven bound.
@@ -46,6 +55,8 @@ class DualDecomposition:
         Most rounds of windows.
     sweeps : int
         Priced path sweeps (none where every task is always taken).
+    repricing : int
+        Dual iterations before every few steps of a second rolling assignment, 0 for none.
     tolerance : float
         The run ends when the proven gap is at most this.
     threads : int
@@ -56,9 +67,10 @@ class DualDecomposition:
     Without a time limit the result depends on the seed alone. A warm start is never made worse.
     """
 
-    iterations: int = 3000
+    iterations: int = 2000
     rounds: int = 12
     sweeps: int = 60
+    repricing: int = 30
     tolerance: float = 1e-5
     threads: int = 2
 
@@ -66,7 +78,7 @@ class DualDecomposition:
         for name in ("iterations", "threads"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")
-        for name in ("rounds", "sweeps", "tolerance"):
+        for name in ("rounds", "sweeps", "repricing", "tolerance"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
 
@@ -112,7 +124,9 @@ class _Search:
     bound: float = math.inf
     prices: Floats | None = None
     settled: bool = False  # whether the ascent ended by itself
+    dual: DualResult | None = None
     iterations: int = 0
+    ascent_seconds: float = 0.0
     trace: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -159,34 +173,57 @@ class _Search:
         """Improve the prices for some time."""
         if self.settled:
             return
-        oracle = self.problem.model.path_oracle(self.problem.benefits, self.problem.initial_state())
-        count = 0
+        began = self.run.seconds
 
         def tell(iteration: int, bound: float, prices: Floats) -> bool:
-            nonlocal count
-            count = iteration + 1
             if bound < self.bound:
                 self.bound, self.prices = bound, prices
             if iteration % 20 == 0:
                 self.record("prices")
             return self.report("prices")
 
-        allowed = self.options.iterations - self.iterations
-        found = ascend(
-            oracle,
+        self.dual = ascend(
+            self.oracle(0, self.problem.initial_assignment),
             self.prices,
-            time_limit=None if math.isinf(seconds) else min(seconds, self.seconds_left()),
-            max_iterations=allowed,
+            state=None if self.dual is None else self.dual.state,
+            time_limit=None if math.isinf(seconds) else max(0.0, min(seconds, self.seconds_left())),
+            max_iterations=self.options.iterations - self.iterations,
             target=self.value,
             tolerance=self.options.tolerance,
             callback=tell,
             seed=self.run.seed,
         )
-        self.iterations += count
-        self.settled = math.isinf(seconds) or self.iterations >= self.options.iterations
-        if found.bound <= self.bound:
-            self.bound, self.prices = float(found.bound), found.prices
+        self.iterations += self.dual.iterations
+        self.ascent_seconds += self.run.seconds - began
+        self.settled = self.dual.converged or self.iterations >= self.options.iterations
+        if self.dual.bound <= self.bound:
+            self.bound, self.prices = float(self.dual.bound), self.dual.prices
         self.record("prices")
+
+    def oracle(self, k: int, held: Ints | None) -> PathOracle:
+        """Return the paths of the steps from ``k`` on, after ``held``."""
+        found: PathOracle = self.problem.model.path_oracle(
+            self.problem.benefits.slice(k, self.problem.T), held
+        )
+        return found
+
+    def reprice(self, k: int, held: Ints, prices: Floats) -> Floats:
+        """Return prices for what is left of the problem at step ``k``."""
+        oracle = self.oracle(k, held)
+        if not isinstance(oracle, SoftPathOracle):
+            return prices
+        descent = SmoothDescent(iterations=1, hot=_REPRICING_HEAT)
+        state = descent.begin(prices)
+        bound = dual_value(oracle, prices).bound
+        while state.iteration < self.options.repricing:
+            state = descent.step(oracle, state)
+            if self.report("repriced assignment"):
+                break
+            if state.iteration % 10 == 0:
+                found = dual_value(oracle, state.prices).bound
+                if found < bound:
+                    bound, prices = found, state.prices
+        return prices
 
     def first_plans(self) -> None:
         """Build plans from the prices alone."""
@@ -194,6 +231,18 @@ class _Search:
         plan = rolling_plan(self.arrays, self.prices, lambda: self.report("rolling assignment"))
         if plan is not None:
             self.offer(plan, "rolling assignment")
+        if self.options.repricing:
+            seconds = self.ascent_seconds / max(self.iterations, 1) * self.arrays.steps / _BLOCK / 2
+            if seconds * self.options.repricing < 0.6 * self.seconds_left():
+                plan = rolling_plan(
+                    self.arrays,
+                    self.prices,
+                    lambda: self.report("repriced assignment"),
+                    block=_BLOCK,
+                    reprice=self.reprice,
+                )
+                if plan is not None:
+                    self.offer(plan, "repriced assignment")
         if self.arrays.agents == self.arrays.tasks:
             return
         plan = self.best
