@@ -6,7 +6,8 @@ Plain Algorithm 2 solves every sequence of intervals from scratch on dense matri
 does; a few steps of it are timed (one step takes minutes at 4225), and its assignments are compared with HAAL's.
 
 Both run in one thread, HAAL by construction and scipy's assignment too, and in turn. Wall time is what a user waits;
-on a machine with other work only the ratio of processor times is fair, since a long step is interrupted and a short one not.
+on a machine with other work only the ratio of processor times is fair, for a long step is interrupted and a short one
+is not. The seconds of compilation are those of a first run only; later ones find the kernels in numba's cache.
 """
 
 from __future__ import annotations
