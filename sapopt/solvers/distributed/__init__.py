@@ -7,7 +7,7 @@ from sapopt.solvers.distributed.dual import DistributedDualLookahead
 from sapopt.solvers.distributed.faults import Cut, Faults
 from sapopt.solvers.distributed.haal_d import HAALD, CentralHAALD
 from sapopt.solvers.distributed.network import Network, Networks
-from sapopt.solvers.distributed.play import play
+from sapopt.solvers.distributed.recording import play
 from sapopt.solvers.distributed.simulator import Simulator, Traffic
 
 __all__ = [
