@@ -154,7 +154,7 @@ class Benefits:
             value = sp.csr_array((flat.data, flat.indices, flat.indptr), shape=raw.shape)
             _check_values(flat.data, name)
         else:
-            value = real_array(raw, name)
+            value = real_array(raw, name).copy()  # the function may fill one buffer again and again
             _check_values(value, name)
         if value.shape != (n, m):
             raise ValueError(f"{name} have shape {value.shape}, expected {(n, m)}")

@@ -107,3 +107,10 @@ def checked_matrix(matrix: Any) -> Matrix:
         return GainMatrix.from_matrix(matrix)
     dense: FloatArray = matrix.toarray().astype(np.float64)
     return dense
+
+
+def value_of(matrix: Matrix, assignment: IntArray) -> float:
+    """Total benefit of an assignment under a matrix of either form."""
+    if isinstance(matrix, GainMatrix):
+        return matrix.value(assignment)
+    return float(matrix[np.arange(len(assignment)), assignment].sum())

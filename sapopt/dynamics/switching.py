@@ -23,6 +23,8 @@ Held = IntArray | None
 class SwitchingCost:
     """Charge every change of task (thesis, section 2.3: eta(s)_ij = -cost unless agent i held task j).
 
+    For another rule write a dynamics of your own rather than a subclass: solvers use the sparse form of this very rule.
+
     Parameters
     ----------
     cost : float or array_like of shape (m, m)
@@ -53,6 +55,8 @@ class SwitchingCost:
                 )
         elif cost.ndim != 0:
             raise ValueError(f"cost must be a number or an (m, m) matrix, got shape {cost.shape}")
+        if not isinstance(self.idle_is_free, (bool, np.bool_)):
+            raise ValueError(f"idle_is_free must be True or False, got {self.idle_is_free!r}")
         if not np.isfinite(cost).all() or (cost < 0).any():
             raise ValueError("cost must be finite and not negative (it is subtracted from the benefit)")
         object.__setattr__(self, "cost", float(cost) if cost.ndim == 0 else cost)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from sapopt.assignment import best_assignment
 from sapopt.feasibility import InfeasibleError
+from sapopt.matrices import value_of
 from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead
@@ -32,6 +33,8 @@ class HAALMemory:
         Holds the intervals of a sparse problem with one switching cost.
     solved : dict
         Those of other problems: ``(start, stop, state key) -> (assignment, value)``.
+    kept : list of ndarray
+        Unexecuted rest of the last plan, for ``keep_plan``.
     uncompiled : bool
         The compiled search met an interval it cannot solve, and is not tried again.
     assignment_problems : int
@@ -41,6 +44,7 @@ class HAALMemory:
     windows: Any = None
     tree: CompiledTree | None = None
     solved: dict[tuple[int, int, Any], tuple[IntArray, float]] = field(default_factory=dict)
+    kept: list[IntArray] = field(default_factory=list)
     uncompiled: bool = False
     assignment_problems: int = 0
 
@@ -69,6 +73,10 @@ class HAAL:
         Where idle agents wait, a free choice among assignments of equal benefit. "lowest": the lowest-numbered free
         tasks (the reference). "lookahead": the free tasks with the least total benefit over the next steps, so that
         nobody blocks a task that will soon be wanted; reads up to 6 steps, past the window if it is shorter.
+    keep_plan : bool
+        HAAL+: the unexecuted rest of the plan of the step before, with one more step assigned by alpha(beta_hat),
+        competes with the new sequences. This restores the c / (1 + c) guarantee, which Algorithm 2 loses for L >= 3
+        because every interval is solved for itself (docs/theorem.md). The search is not compiled.
 
     References
     ----------
@@ -77,9 +85,12 @@ class HAAL:
 
     lookahead: int = 3
     parking: Parking = "lowest"
+    keep_plan: bool = False
 
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
+        if not isinstance(self.keep_plan, bool):
+            raise ValueError(f"keep_plan must be True or False, got {self.keep_plan!r}")
         if self.parking not in ("lowest", "lookahead"):
             raise ValueError(f"parking must be 'lowest' or 'lookahead', got {self.parking!r}")
 
@@ -87,7 +98,7 @@ class HAAL:
     def name(self) -> str:
         """Name with options."""
         suffix = "" if self.parking == "lowest" else ", parking=lookahead"
-        return f"HAAL(L={self.lookahead}{suffix})"
+        return f"HAAL{'+' if self.keep_plan else ''}(L={self.lookahead}{suffix})"
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
         """Empty memory."""
@@ -96,16 +107,14 @@ class HAAL:
     def act(self, outlook: Outlook, memory: HAALMemory) -> tuple[IntArray, HAALMemory]:
         """Execute the first assignment of the best sequence of intervals."""
         if memory.windows is not outlook.windows:
-            memory = HAALMemory(
-                outlook.windows, uncompiled=memory.uncompiled, assignment_problems=memory.assignment_problems
-            )
+            memory = replace(memory, windows=outlook.windows, tree=None, solved={})
         order = self._order(outlook)
         found = self._compiled(outlook, memory, order)
         return (self._generic(outlook, memory, order) if found is None else found), memory
 
     def _compiled(self, outlook: Outlook, memory: HAALMemory, order: IntArray) -> IntArray | None:
         """The step's assignment by the compiled search; None where it does not apply."""
-        if memory.uncompiled:
+        if memory.uncompiled or self.keep_plan:
             return None
         if memory.tree is None:
             memory.tree = CompiledTree.of(outlook, self.lookahead)
@@ -128,6 +137,13 @@ class HAAL:
             del memory.solved[key]
         search = _Search(outlook, memory, order, min(outlook.k + self.lookahead, outlook.end))
         first, value = search.best(outlook.k, outlook.state)
+        if self.keep_plan:
+            kept, kept_value = search.continued(memory.kept)
+            if kept and (first is None or kept_value > value + _TIE * abs(value)):
+                first = kept[0]
+            else:
+                kept = search.sequence(outlook.k, outlook.state)
+            memory.kept = kept[1:]
         if first is None:
             outlook.assign(outlook.beta_hat())  # raises, and says why
             raise InfeasibleError(f"step {outlook.k}: no sequence of assignments is feasible (value {value})")
@@ -169,11 +185,54 @@ class _Search:
             for k in range(start, cut):
                 after = self.outlook.model.transition(k, after, tasks)
             total = value + self.best(cut, after)[1]
+            if total == -np.inf:  # a dead end later on
+                continue
             if first is None or total > top + _TIE * abs(top):
                 first, top = tasks, total
         if fingerprint is not None:
             self.known[start, fingerprint] = first, top
         return first, top
+
+    def continued(self, plan: list[IntArray]) -> tuple[list[IntArray], float]:
+        """A plan for the steps from the current one on, brought to the length of the window, and its value.
+
+        Steps that it lacks take alpha(beta_hat). Empty, with value -inf, if there is no plan or it cannot go on.
+        """
+        k, state = self.outlook.k, self.outlook.state
+        out: list[IntArray] = []
+        value = 0.0
+        while plan and k < self.stop:
+            matrix = self.outlook.interval(k, k + 1, state)
+            try:
+                tasks = plan[len(out)] if len(out) < len(plan) else best_assignment(matrix, self.order).tasks
+            except InfeasibleError:
+                return [], -np.inf
+            value += value_of(matrix, tasks)
+            out.append(tasks)
+            state = self.outlook.model.transition(k, state, tasks)
+            k += 1
+        return (out, value) if value > -np.inf and out else ([], -np.inf)
+
+    def sequence(self, start: int, state: Any) -> list[IntArray]:
+        """Assignments of the best sequence, one a step."""
+        plan: list[IntArray] = []
+        while start < self.stop:
+            first, top = self.best(start, state)
+            if first is None:
+                break
+            for cut in range(start + 1, self.stop + 1):
+                fingerprint = self.key(state) if self.key is not None else None
+                tasks, value = self._interval(start, cut, state, fingerprint)
+                if value == -np.inf or not np.array_equal(tasks, first):
+                    continue
+                after = state
+                for k in range(start, cut):
+                    after = self.outlook.model.transition(k, after, tasks)
+                if value + self.best(cut, after)[1] >= top - _TIE * abs(top):
+                    break
+            plan += [first] * (cut - start)
+            start, state = cut, after
+        return plan
 
     def _interval(self, start: int, stop: int, state: Any, fingerprint: Any) -> tuple[IntArray, float]:
         """Best single assignment for the steps ``start .. stop - 1``; value -inf if there is none."""

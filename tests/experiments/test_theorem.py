@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import itertools
 import random
@@ -89,16 +88,15 @@ def test_library_agrees(entry: dict[str, Any]) -> None:
     assert solve(problem, Exact()).value == pytest.approx(entry["optimal_value"], rel=1e-9)
 
 
-@pytest.mark.skipif(
-    "keep_plan" not in {f.name for f in dataclasses.fields(HAAL)}, reason="HAAL has no keep_plan yet"
-)
 @pytest.mark.parametrize("entry", [e for e in KNOWN if "benefits" in e], ids=lambda entry: entry["name"])
 def test_library_haal_plus(entry: dict[str, Any]) -> None:
     """HAAL+ of the library keeps the promise on the instances on which HAAL breaks it."""
     problem = SAP(
         np.array(entry["benefits"], dtype=float), SwitchingCost(entry["cost"]), entry["initial_assignment"]
     )
-    solver: Any = HAAL(entry["lookahead"], keep_plan=True)  # type: ignore[call-arg]
+    solver = HAAL(entry["lookahead"], keep_plan=True)
+    reference = entry["model"].value(theorem.haal_plan(entry["model"], entry["lookahead"], keep_plan=True))
+    assert Fraction(solve(problem, solver).value) == reference
     c = entry["model"].least() / entry["model"].worst_handover()
     assert Fraction(solve(problem, solver).value) >= c / (1 + c) * Fraction(entry["optimal_value"])
 

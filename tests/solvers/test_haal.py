@@ -202,3 +202,47 @@ def test_lookahead_must_be_a_positive_integer(lookahead: object) -> None:
 def test_unknown_parking() -> None:
     with pytest.raises(ValueError, match="parking"):
         HAAL(2, "nowhere")  # type: ignore[arg-type]
+
+
+def test_a_dead_end_is_avoided() -> None:
+    """A sequence that leads where no assignment is allowed loses against one that goes on."""
+
+    class DeadEnd:
+        """After task 0 nothing is allowed."""
+
+        handover_limit = 0.0
+
+        def initial_state(self, problem: SAP) -> int:
+            return -1
+
+        def handover(self, k: int, state: int) -> np.ndarray:
+            eta = np.zeros((1, 2))
+            if state == 0:
+                eta[0] = -np.inf
+            return eta
+
+        def transition(self, k: int, state: int, assignment: np.ndarray) -> int:
+            return int(assignment[0])
+
+        def key(self, state: int) -> int:
+            return state
+
+    problem = SAP(np.array([[[1.0, 0.5]], [[0.0, 5.0]]]), DeadEnd())
+    for keep_plan in (False, True):
+        result = solve(problem, HAAL(2, keep_plan=keep_plan))
+        assert result.plan.tolist() == [[1], [1]]
+        assert result.value == 5.5
+
+
+def test_keep_plan_is_not_below_haa_at_full_lookahead() -> None:
+    """HAAL+ with L = T is at least HAA, also on the known instances where HAAL is not (docs/theorem.md)."""
+    known = json.loads((DATA / "theorem_counterexamples.json").read_text())["instances"]
+    below = 0
+    for entry in known:
+        if "benefits" not in entry or entry["lookahead"] != len(entry["benefits"]):
+            continue
+        problem = SAP(entry["benefits"], SwitchingCost(entry["cost"]), entry["initial_assignment"])
+        haa = solve(problem, HAA()).value
+        assert solve(problem, HAAL(entry["lookahead"], keep_plan=True)).value >= haa
+        below += solve(problem, HAAL(entry["lookahead"])).value < haa
+    assert below > 0
