@@ -24,6 +24,7 @@ from sapopt.formulations.network import Network
 from sapopt.problem import SAP
 from sapopt.solvers.exact import warm
 from sapopt.solvers.exact.infeasible import explain
+from sapopt.solvers.exact.neighbourhoods import Neighbourhoods
 from sapopt.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
@@ -112,7 +113,7 @@ class Search:
         self.state.best = warm.incumbent(self.problem, self.run, min(0.1 * left, 20.0))
         self.note("heuristics")
         T, n, m = self.network.shape
-        effort = 0.05 + self.network.arcs / 1000
+        effort = 0.05 + self.network.arcs / 700
         self.prices = warm.price(
             self.problem, self.network, self.run, self.state.best.value, min(0.15 * left, effort)
         )
@@ -135,7 +136,8 @@ class Search:
             seconds = min(0.1 * self.run.seconds_left, 0.5 + self.network.arcs / 4000)
             plan = warm.decomposition(self.problem, self.run, seconds)
             self.note("decomposition", plan=plan)
-            self._neighbourhoods(0.5)
+            small = int(self._within(self._gap()).sum()) < 4 * _LARGE
+            self._neighbourhoods(0.1 if small else 0.75)
         delta = _FIRST * max(1.0, abs(self.prices.bound)) if self.fix else np.inf
         last = False
         while not self.proven and not self.run.expired:
@@ -171,7 +173,7 @@ class Search:
         self.note("programme", max(answer.bound, floor), plan)
         return answer.ending is Ending.OPTIMAL
 
-    def _solve(self, keep: np.ndarray, seconds: float, watched: bool = True, **options: Any) -> Answer:
+    def _solve(self, keep: np.ndarray, seconds: float, **options: Any) -> Answer:
         def watch(value: float, bound: float) -> bool:
             best = self.state.best.value
             return self.run.report(
@@ -180,58 +182,24 @@ class Search:
 
         return maximise(
             self.network.programme(keep), seconds=seconds, tolerance=self.tolerance,
-            watch=watch if watched else None, **options,
+            watch=watch, **options,
         )  # fmt: skip
 
     def _neighbourhoods(self, share: float) -> None:
-        """Improve the incumbent: free some agents or steps and solve exactly; more of them when nothing improves."""
-        T, n, _ = self.network.shape
-        rng = self.run.rng
-        seconds = share * self.run.seconds_left if np.isfinite(self.run.seconds_left) else 600.0
-        stop_at = self.run.seconds + seconds
-        agents, steps = min(n, 6), min(T, 6)
-        failures = 0
-        while self.state.best.plan is not None and not self.proven:
-            left = min(stop_at - self.run.seconds, self.run.seconds_left)
-            if left <= 0 or self.run.expired or (agents >= n and steps >= T):
-                break
-            free = np.zeros((T, n), dtype=bool)
-            if rng.random() < 0.5:
-                free[:, rng.choice(n, agents, replace=False)] = True
-            else:
-                first = int(rng.integers(1 - steps // 2, T - steps // 2))
-                free[max(first, 0) : first + steps] = True
-            before = self.state.best.value
-            hard = self._improve(free, min(left, max(2.0, 0.05 * seconds)))
-            if self.state.best.value > before:
-                failures = 0
-                continue
-            failures += 1
-            if hard:
-                agents, steps = max(agents - 1, 2), max(steps - 1, 2)
-            elif failures > 10:
-                agents, steps, failures = min(agents + 1, n), min(steps + 1, T), 0
+        """Improve the incumbent by small exact problems, for a share of the time left."""
+        left = self.run.seconds_left
+        seconds = share * left if np.isfinite(left) else 600.0
+        local = Neighbourhoods(self.problem, self.network, self.prices, self.run, self._found, self.tolerance)
+        self.state.best = max(
+            self.state.best, local.improve(self.state.best, seconds), key=lambda entry: entry.value
+        )
 
-    def _improve(self, free: np.ndarray, seconds: float) -> bool:
-        """Solve one neighbourhood of the incumbent. Returns whether the time was too short for it."""
-        plan = self.state.best.plan
-        assert plan is not None
-        net = self.network
-        T, n, m = net.shape
-        path = net.follow(plan) > 0.5
-        taken = np.zeros(T * m, dtype=bool)
-        fixed = ~free
-        taken[(np.arange(T)[:, None] * m + plan)[fixed]] = True
-        keep = self._within(min(self._gap(), 0.003 * abs(self.prices.bound)))
-        keep &= free[net.step, net.agent] | (net.slot < 0)
-        keep &= (net.slot < 0) | ~taken[net.slot]
-        keep |= path
-        answer = self._solve(keep, seconds, watched=False, start=path[keep].astype(np.float64))
-        if answer.x is not None:
-            found = formulation.recover(net, answer.x, keep)
-            if not np.array_equal(found, plan):
-                self.note("neighbourhood", plan=found)
-        return answer.ending is not Ending.OPTIMAL
+    def _found(self, plan: IntArray) -> float:
+        before = self.state.best.value
+        best = self.state.best.better(self.problem, plan)
+        if best.value > before:
+            self.note("neighbourhood", plan=plan)
+        return self.state.best.value
 
 
 def solve(problem: SAP, run: Run, tolerance: float, fix: bool = True) -> State:
