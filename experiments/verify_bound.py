@@ -46,7 +46,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="a short sweep (about two minutes on two idle cores)")
+    parser.add_argument(
+        "--quick", action="store_true", help="a short sweep (about two minutes on two idle cores)"
+    )
     parser.add_argument(
         "--seeds", type=int, default=0, help="random instances per setting (default 200, quick 30)"
     )

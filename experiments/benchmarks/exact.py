@@ -129,7 +129,8 @@ def run_cp_sat(benefits: np.ndarray, price: float, seconds: float) -> dict[str, 
     model.maximize(cp_model.LinearExpr.weighted_sum(terms, gains) - cost * n * (T - 1))
     solver = cp_model.CpSolver()
     solver.parameters.max_time_in_seconds = seconds
-    solver.parameters.num_workers = max(8, os.cpu_count() or 1)  # its portfolio wants eight, whatever the machine
+    # its portfolio wants eight workers, whatever the machine
+    solver.parameters.num_workers = max(8, os.cpu_count() or 1)
     solver.parameters.linearization_level = 2
     status = solver.solve(model)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):

@@ -114,7 +114,7 @@ def test_global_dynamics_is_refused() -> None:
 
 def test_endings_of_the_solver() -> None:
     """Optimal, no better point than the cut-off, infeasible, out of time, stopped, failed: all told apart."""
-    problem = SAP(RNG(0).random((10, 10, 12)), SwitchingCost(0.5))
+    problem = SAP(RNG(0).random((8, 8, 10)), SwitchingCost(0.5))
     net = network.compile(problem)
     programme = net.programme()
     assert maximise(programme, seconds=0.0).ending is Ending.TIME_LIMIT
@@ -126,6 +126,6 @@ def test_endings_of_the_solver() -> None:
     stopped = maximise(programme, watch=lambda value, bound: True)
     assert stopped.ending in (Ending.INTERRUPTED, Ending.OPTIMAL)
     closed = net.programme(net.slot % problem.m != 0)
-    assert maximise(closed).ending is Ending.OPTIMAL  # 11 tasks are enough
+    assert maximise(closed).ending is Ending.OPTIMAL  # 9 tasks are enough
     assert maximise(net.programme(net.slot % problem.m > 2)).ending is Ending.INFEASIBLE
     assert issubclass(SolverError, RuntimeError)
