@@ -53,11 +53,14 @@ class SmoothDescent:
         """State before the first step."""
         return SmoothState(prices, prices, 1.0, self.rate, np.inf, 0)
 
+    def relative(self, iteration: int) -> float:
+        """Temperature of a step as a multiple of the scale."""
+        done = min(1.0, iteration / max(1, self.iterations - 1))
+        return float(np.exp((1.0 - done) * np.log(self.hot) + done * np.log(self.cold)))
+
     def temperature(self, oracle: SoftPathOracle, iteration: int) -> float:
         """Temperature of a step."""
-        done = min(1.0, iteration / max(1, self.iterations - 1))
-        relative = self.hot ** (1.0 - done) * self.cold**done
-        return max(relative * oracle.scale, 1.05 * oracle.coldest, 1e-12)
+        return max(self.relative(iteration) * oracle.scale, 1.05 * oracle.coldest, 1e-12)
 
     def step(self, oracle: SoftPathOracle, state: SmoothState) -> SmoothState:
         """One evaluation and one step."""
