@@ -65,6 +65,7 @@ class Search:
         self.fix = fix
         self.network: Network = formulation.compile(problem)
         self.state = State(warm.Incumbent(), np.inf, [])
+        self.options: dict[str, Any] = {}
 
     def solve(self) -> State:
         """Run all phases; ends early when the time is up, keeping what is known."""
@@ -137,7 +138,9 @@ class Search:
             plan = warm.decomposition(self.problem, self.run, seconds)
             self.note("decomposition", plan=plan)
             small = int(self._within(self._gap()).sum()) < 4 * _LARGE
-            self._neighbourhoods(0.1 if small else 0.75)
+            self._neighbourhoods(0.1 if small else 0.35)
+            # plans come from the neighbourhoods: the solver is to prove
+            self.options = {"mip_heuristic_effort": 0.01}
         delta = _FIRST * max(1.0, abs(self.prices.bound)) if self.fix else np.inf
         last = False
         while not self.proven and not self.run.expired:
@@ -182,7 +185,7 @@ class Search:
 
         return maximise(
             self.network.programme(keep), seconds=seconds, tolerance=self.tolerance,
-            watch=watch, **options,
+            watch=watch, options=self.options, **options,
         )  # fmt: skip
 
     def _neighbourhoods(self, share: float) -> None:
