@@ -84,8 +84,8 @@ class DualDecomposition:
 
     @property
     def name(self) -> str:
-        """Name, for tables."""
-        return "dual decomposition"
+        """Name."""
+        return "DualDecomposition"
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
