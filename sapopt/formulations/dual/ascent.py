@@ -194,6 +194,7 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
             remaining = max(0, min(wanted - done, int(affordable)))
             if abs(done + remaining - descent.iterations) > 0.15 * (descent.iterations - done):
                 descent = _replanned(descent, done, remaining)
+                smooth = replace(smooth, rate=max(smooth.rate, descent.first_rate))
         last = smooth.iteration >= descent.iterations
         looked = smooth.iteration % 10 == 0 or last
         if looked:
