@@ -137,8 +137,11 @@ class Search:
             seconds = min(0.1 * self.run.seconds_left, 0.5 + self.network.arcs / 4000)
             plan = warm.decomposition(self.problem, self.run, seconds)
             self.note("decomposition", plan=plan)
-            small = int(self._within(self._gap()).sum()) < 4 * _LARGE
-            self._neighbourhoods(0.1 if small else 0.35)
+            left = self.run.seconds_left
+            if int(self._within(self._gap()).sum()) < 4 * _LARGE:
+                self._neighbourhoods(min(0.1 * left, 0.5 + self.network.arcs / 4000))
+            else:
+                self._neighbourhoods(0.35 * left if np.isfinite(left) else 120.0)
             # plans come from the neighbourhoods: the solver is to prove
             self.options = {"mip_heuristic_effort": 0.01}
         delta = _FIRST * max(1.0, abs(self.prices.bound)) if self.fix else np.inf
@@ -188,10 +191,8 @@ class Search:
             watch=watch, options=self.options, **options,
         )  # fmt: skip
 
-    def _neighbourhoods(self, share: float) -> None:
-        """Improve the incumbent by small exact problems, for a share of the time left."""
-        left = self.run.seconds_left
-        seconds = share * left if np.isfinite(left) else 600.0
+    def _neighbourhoods(self, seconds: float) -> None:
+        """Improve the incumbent by small exact problems for some seconds."""
         local = Neighbourhoods(self.problem, self.network, self.prices, self.run, self._found, self.tolerance)
         self.state.best = max(
             self.state.best, local.improve(self.state.best, seconds), key=lambda entry: entry.value
