@@ -13,7 +13,7 @@ from sapopt import SAP, SwitchingCost, solve
 from sapopt.result import Status
 from sapopt.solvers.dual_decomposition import DualDecomposition
 
-QUICK = DualDecomposition(iterations=200, rounds=4, sweeps=10)
+QUICK = DualDecomposition(iterations=80, rounds=4, sweeps=10)
 
 
 def tiny(seed: int) -> SAP:

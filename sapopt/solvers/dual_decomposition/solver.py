@@ -31,8 +31,14 @@ _DUAL_SHARE = 0.35
 """Share of a time limit after which the first ascent yields to the search for plans."""
 
 
-_BLOCK = 6
+_BLOCK = 3
 """Steps between two repricings."""
+
+_REPRICING_SHARE = 0.5
+"""Share of the time left that repricing may take."""
+
+_FEWEST_REPRICINGS = 10
+"""Dual iterations below which a repricing does more harm than good."""
 
 _REPRICING_HEAT = 0.01
 """Temperature of the repricing, in typical benefits."""
@@ -127,6 +133,7 @@ class _Search:
     dual: DualResult | None = None
     iterations: int = 0
     ascent_seconds: float = 0.0
+    repricings: int = 0
     trace: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -215,7 +222,7 @@ class _Search:
         descent = SmoothDescent(iterations=1, hot=_REPRICING_HEAT)
         state = descent.begin(prices)
         bound = dual_value(oracle, prices).bound
-        while state.iteration < self.options.repricing:
+        while state.iteration < self.repricings:
             state = descent.step(oracle, state)
             if self.report("repriced assignment"):
                 break
@@ -231,18 +238,17 @@ class _Search:
         plan = rolling_plan(self.arrays, self.prices, lambda: self.report("rolling assignment"))
         if plan is not None:
             self.offer(plan, "rolling assignment")
-        if self.options.repricing:
-            seconds = self.ascent_seconds / max(self.iterations, 1) * self.arrays.steps / _BLOCK / 2
-            if seconds * self.options.repricing < 0.6 * self.seconds_left():
-                plan = rolling_plan(
-                    self.arrays,
-                    self.prices,
-                    lambda: self.report("repriced assignment"),
-                    block=_BLOCK,
-                    reprice=self.reprice,
-                )
-                if plan is not None:
-                    self.offer(plan, "repriced assignment")
+        self.repricings = self.affordable_repricings()
+        if self.repricings and not self.report("repriced assignment"):
+            plan = rolling_plan(
+                self.arrays,
+                self.prices,
+                lambda: self.report("repriced assignment"),
+                block=_BLOCK,
+                reprice=self.reprice,
+            )
+            if plan is not None:
+                self.offer(plan, "repriced assignment")
         if self.arrays.agents == self.arrays.tasks:
             return
         plan = self.best
@@ -258,6 +264,15 @@ class _Search:
             self.offer(plan, "path sweeps")
             if self.report("path sweeps"):
                 break
+
+    def affordable_repricings(self) -> int:
+        """Return how many dual iterations every repricing may take: 0 if there is no time for enough of them."""
+        most = self.options.repricing
+        if math.isinf(self.run.seconds_left):
+            return most
+        once = self.ascent_seconds / max(self.iterations, 1) * self.arrays.steps / _BLOCK / 2
+        count = min(most, int(_REPRICING_SHARE * self.seconds_left() / max(once, 1e-9)))
+        return count if count >= _FEWEST_REPRICINGS else 0
 
     def offer(self, plan: Ints, phase: str) -> None:
         """Keep a plan if it is the best."""
