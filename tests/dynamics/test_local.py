@@ -74,7 +74,9 @@ def sparse(benefits: np.ndarray) -> Benefits:
     T, n, m = benefits.shape
     rows, tasks = np.nonzero(benefits.reshape(T * n, m))
     indptr = np.searchsorted(rows, np.arange(T * n + 1)).astype(np.int64)
-    return Benefits.from_flat(indptr, tasks.astype(np.int32), benefits.reshape(T * n, m)[rows, tasks], (T, n, m))
+    return Benefits.from_flat(
+        indptr, tasks.astype(np.int32), benefits.reshape(T * n, m)[rows, tasks], (T, n, m)
+    )
 
 
 def with_parking(case: Case) -> StrictSwitching:
