@@ -4,6 +4,9 @@ import os
 import sys
 from pathlib import Path
 
+# On tiny problems the threads of the kernels mostly wait for each other, minutes of it where the cores are shared.
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+
 from hypothesis import HealthCheck, settings
 
 # Tests are imported by file (import mode importlib), so what they share has to be put on the path.

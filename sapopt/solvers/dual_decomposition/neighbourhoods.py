@@ -21,6 +21,10 @@ _GROUP_REGRET = 0.18
 """Where all agents' network does not fit at this regret, they are split into groups."""
 
 _SMALL_PROBLEM = 6
+"""Tasks up to which an agent may wait on any task."""
+
+_SHARE_OF_TIME = 0.1
+"""Share of the time left that one network may take."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +112,7 @@ def _improve_window(
         if seconds_left() <= 0:
             break
         network = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
-        found = solve_network(network, plan, arrays.tasks, seconds=max(seconds_left(), 0.01))
+        found = solve_network(network, plan, arrays.tasks, seconds=max(_SHARE_OF_TIME * seconds_left(), 0.01))
         if found is not None:
             found_value = arrays.value(found)
             if found_value >= value:

@@ -16,6 +16,10 @@ from numba import njit, prange
 from scipy.optimize import linear_sum_assignment
 
 from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, move_cost
+from sapopt.solvers.dual_decomposition.assignment import assign
+
+_LARGE = 4_000_000
+"""Pairs above which the assignment starts from the prices even where a free task then counts as worth its price."""
 
 
 @njit(cache=True, parallel=True)
@@ -97,7 +101,11 @@ def rolling_plan(
         priced_futures(arrays.kernel, prices, start, end, futures)
         for k in range(start, end):
             step_weights(arrays.kernel, k, held, futures[k - start], weights)
-            held = plan[k] = linear_sum_assignment(weights, maximize=True)[1]
+            if n == m or n * m > _LARGE:
+                held = assign(weights, prices[k])
+            else:
+                held = linear_sum_assignment(weights, maximize=True)[1]
+            plan[k] = held
             if stop():
                 return None
     return plan

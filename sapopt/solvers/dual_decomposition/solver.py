@@ -150,8 +150,7 @@ class _Search:
         limit = self.run.time_limit
         self.ascend(math.inf if limit is None else _DUAL_SHARE * limit)
         yield
-        self.first_plans()
-        yield
+        yield from self.first_plans()
         rng = self.run.rng
         quiet = 0
         for turn in range(self.options.rounds):
@@ -232,12 +231,13 @@ class _Search:
                     bound, prices = found, state.prices
         return prices
 
-    def first_plans(self) -> None:
-        """Build plans from the prices alone."""
+    def first_plans(self) -> Iterator[None]:
+        """Build plans from the prices alone, the quick ones first."""
         assert self.prices is not None
         plan = rolling_plan(self.arrays, self.prices, lambda: self.report("rolling assignment"))
         if plan is not None:
             self.offer(plan, "rolling assignment")
+            yield
         self.repricings = self.affordable_repricings()
         if self.repricings and not self.report("repriced assignment"):
             plan = rolling_plan(
@@ -249,6 +249,7 @@ class _Search:
             )
             if plan is not None:
                 self.offer(plan, "repriced assignment")
+                yield
         if self.arrays.agents == self.arrays.tasks:
             return
         plan = self.best
@@ -262,8 +263,7 @@ class _Search:
                 self.seconds_left,
             )
             self.offer(plan, "path sweeps")
-            if self.report("path sweeps"):
-                break
+            yield
 
     def affordable_repricings(self) -> int:
         """Return how many dual iterations every repricing may take: 0 if there is no time for enough of them."""
