@@ -135,7 +135,8 @@ def test_time_limit_gives_incumbent_and_bound() -> None:
     solve(walking(), QUICK)  # compile
     result = solve(problem, DualDecomposition(tolerance=0.0), time_limit=1.5)
     assert result.status in (Status.TIME_LIMIT, Status.OPTIMAL, Status.FEASIBLE)
-    assert result.runtime < 1.65
+    # 10 % over, and what one uninterruptible call may take on a machine that others use too.
+    assert result.runtime < 1.1 * 1.5 + 1.0
     assert result.bound is not None
     assert result.value <= result.bound
 
