@@ -27,6 +27,12 @@ log = logging.getLogger(__name__)
 _EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
 """Windows of the successive rounds, from small ones that go fast to large ones; the last one is repeated."""
 
+_DUAL_REST = 0.5
+"""Seconds of further ascent for every second of windows, until the ascent converges."""
+
+_GROUP_ARCS = 10_000
+"""Size of the networks of few agents over the whole horizon."""
+
 _DUAL_SHARE = 0.35
 """Share of a time limit after which the first ascent yields to the search for plans."""
 
@@ -74,7 +80,7 @@ class DualDecomposition:
     """
 
     iterations: int = 2000
-    rounds: int = 12
+    rounds: int = 18
     sweeps: int = 60
     repricing: int = 30
     tolerance: float = 1e-5
@@ -156,8 +162,7 @@ class _Search:
         for turn in range(self.options.rounds):
             assert self.prices is not None
             began, before = self.run.seconds, self.value
-            effort = _EFFORTS[min(turn // 2, len(_EFFORTS) - 1)]
-            shift = 0 if turn % 2 == 0 else effort.length // 2
+            effort, shift = self.effort(turn)
             search = improved(
                 self.arrays, self.best, self.prices, effort, shift, rng,
                 threads=self.options.threads, seconds_left=self.seconds_left,
@@ -166,11 +171,18 @@ class _Search:
                 self.offer(plan, f"windows of {effort.length} steps")
                 yield
             if not self.settled:
-                self.ascend(self.run.seconds - began)
+                self.ascend(_DUAL_REST * (self.run.seconds - began))
                 yield
             quiet = quiet + 1 if self.value <= before + 1e-6 * abs(before) else 0
-            if quiet >= 4 and self.settled:
+            if quiet >= 6 and self.settled:
                 break
+
+    def effort(self, turn: int) -> tuple[Effort, int]:
+        """Return the neighbourhoods of a round: windows, windows shifted by half, few agents over the whole horizon."""
+        if turn % 3 == 2:
+            return Effort(self.arrays.steps, _GROUP_ARCS), 0
+        effort = _EFFORTS[min(turn // 3, len(_EFFORTS) - 1)]
+        return effort, turn % 3 * effort.length // 2
 
     def seconds_left(self) -> float:
         return 0.0 if self.run.stopped else self.run.seconds_left
