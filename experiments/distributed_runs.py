@@ -134,9 +134,3 @@ def curve(runs: list[Run], method: str, what: str) -> tuple[list[int], np.ndarra
         for length in lookaheads
     ]
     return lookaheads, np.array(rows)
-
-
-def mean_and_error(values: np.ndarray) -> tuple[float, float]:
-    """Mean and its standard error."""
-    spread = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
-    return float(values.mean()), spread

@@ -1,22 +1,22 @@
 """Figure 4.3 (Holder 2024): value and communication rounds against the lookahead, 324 satellites and 450 tasks.
 
-    python experiments/fig_4_3.py [--seeds 1] [--compare-seeds 10] [--steps 93] [--workers 2] [--out DIR]
+    python experiments/fig_4_3.py [--seeds 1] [--compare-seeds 10] [--steps 93] [--workers 2] [--quick] [--out DIR]
 
 The curves are means over the first `--seeds` draws of the tasks. HAAL-D and CBBA at L = 3 are compared over
-`--compare-seeds` draws. Runs are kept in DIR/fig_4_3.json; a second call does only what is missing.
+`--compare-seeds` draws. Runs are kept in DIR/fig_4_3_runs.json; a second call does only what is missing.
 """
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+import common
 import numpy as np
-from distributed_runs import LABELS, Job, Run, curve, mean_and_error, run_all
+from distributed_runs import LABELS, Job, Run, curve, run_all
+from matplotlib.figure import Figure
 
 from sapopt.plotting import PALETTE
 
@@ -26,38 +26,38 @@ LOOKAHEADS = range(1, 7)
 COLORS = dict(zip(("HAALD", "CBBA", "dual", "HAAL", "greedy", "no handover"), PALETTE, strict=True))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of this script."""
+    parser.add_argument(
+        "--compare-seeds", type=int, help="draws for HAAL-D against CBBA (default 10, quick 2)"
     )
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--compare-seeds", type=int, default=10)
-    parser.add_argument("--steps", type=int, default=93)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results"))
-    options = parser.parse_args()
+    parser.add_argument("--steps", type=int, help="default 93, quick 10")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    run = common.begin(__doc__, "fig_4_3", argv, add=add_options, resumes=True)
+    options = run.options
+    steps = options.steps or (10 if run.quick else 93)
+    compared_seeds = range(options.compare_seeds or (2 if run.quick else 10))
 
     def job(seed: int, method: str, lookahead: int) -> Job:
-        return Job("constellation-mid", seed, options.steps, method, lookahead)
+        return Job("constellation-mid", seed, steps, method, lookahead)
 
-    drawn = [
-        job(seed, method, length)
-        for seed in range(options.seeds)
-        for method in CURVES
-        for length in LOOKAHEADS
-    ]
-    drawn += [job(seed, method, 1) for seed in range(options.seeds) for method in FLAT]
-    compared = [job(seed, method, 3) for seed in range(options.compare_seeds) for method in ("HAALD", "CBBA")]
+    drawn = [job(seed, method, length) for seed in run.seeds for method in CURVES for length in LOOKAHEADS]
+    drawn += [job(seed, method, 1) for seed in run.seeds for method in FLAT]
+    compared = [job(seed, method, 3) for seed in compared_seeds for method in ("HAALD", "CBBA")]
     jobs = list(dict.fromkeys([*drawn, *compared]))
-    runs = {one.job: one for one in run_all(jobs, options.out / "fig_4_3.json", options.workers)}
-    draw([runs[one] for one in drawn], options.out / "fig_4_3.png")
+    runs = {one.job: one for one in run_all(jobs, run.out / "fig_4_3_runs.json", options.workers)}
+    run.write_figure(draw([runs[one] for one in drawn]), dpi=160)
     table([runs[one] for one in drawn])
-    compare([runs[one] for one in compared])
+    gain = compare([runs[one] for one in compared])
+    run.write_json({"comparison": gain, "runs": [asdict(runs[one]) for one in jobs]})
 
 
-def draw(runs: list[Run], path: Path) -> None:
+def draw(runs: list[Run]) -> Figure:
     """Two panels: value, rounds."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
+    figure, (left, right) = common.new_figure(10.5, 4.2, 1, 2)
     for method in CURVES:
         lookaheads, values = curve(runs, method, "value")
         style = {"color": COLORS[method], "label": LABELS[method], "marker": "o", "ms": 4.5}
@@ -78,8 +78,7 @@ def draw(runs: list[Run], path: Path) -> None:
         ax.spines[["top", "right"]].set_visible(False)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=160)
-    print(f"figure: {path}")
+    return figure
 
 
 def table(runs: list[Run]) -> None:
@@ -100,15 +99,23 @@ def table(runs: list[Run]) -> None:
             )
 
 
-def compare(runs: list[Run]) -> None:
+def compare(runs: list[Run]) -> dict[str, Any]:
     """HAAL-D against CBBA at L = 3, seed by seed."""
     haald = np.array([one.value for one in runs if one.job.method == "HAALD"])
     cbba = np.array([one.value for one in runs if one.job.method == "CBBA"])
-    gain, error = mean_and_error(100 * (haald / cbba - 1))
+    gain, error = common.mean_and_error(100 * (haald / cbba - 1))
     print(
         f"L = 3, {len(haald)} seeds: HAAL-D {haald.mean():.1f}, CBBA {cbba.mean():.1f}; "
         f"HAAL-D is {gain:.1f} +- {error:.1f} % above CBBA (the thesis: about 50 %)"
     )
+    return {
+        "lookahead": 3,
+        "seeds": len(haald),
+        "haal_d": haald.mean(),
+        "cbba": cbba.mean(),
+        "gain_percent": gain,
+        "standard_error": error,
+    }
 
 
 if __name__ == "__main__":

@@ -1,18 +1,18 @@
 """Figure 4.4 (Holder 2024): 1000 satellites, 812 even tasks, 188 of zero benefit: value, and one satellite's history.
 
-python experiments/fig_4_4.py [--steps 93] [--lookahead 3] [--satellite 900] [--workers 2] [--out DIR]
+    python experiments/fig_4_4.py [--seeds 1] [--steps 93] [--lookahead 3] [--satellite 900] [--quick] [--out DIR]
+
+Runs are kept in DIR/fig_4_4_runs.json; a second call does only what is missing. The figure is that of seed 0.
 """
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import asdict
 from types import SimpleNamespace
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+import common
 from distributed_runs import LABELS, Job, policy_of, run_all
 
 from sapopt import SAP
@@ -21,47 +21,48 @@ from sapopt.outlook import rollout
 from sapopt.plotting import benefit_history, value_against_bound
 from sapopt.verbs import stepwise_bound
 
+NAME = "constellation-large"
 METHODS = ("dual", "HAAL", "HAALD", "CBBA", "greedy", "no handover")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--steps", type=int, default=93)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of this script."""
+    parser.add_argument("--steps", type=int, help="default 93, quick 10")
     parser.add_argument("--lookahead", type=int, default=3)
-    parser.add_argument("--satellite", type=int, default=900)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results"))
-    options = parser.parse_args()
-    name = "constellation-large"
-    length = {"greedy": 1, "no handover": 1}
+    parser.add_argument("--satellite", type=int, default=900, help="whose history is drawn")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    run = common.begin(__doc__, "fig_4_4", argv, add=add_options, resumes=True)
+    options = run.options
+    steps = options.steps or (10 if run.quick else 93)
+    alone = {"greedy": 1, "no handover": 1}
     jobs = [
-        Job(name, options.seed, options.steps, method, length.get(method, options.lookahead))
+        Job(NAME, seed, steps, method, alone.get(method, options.lookahead))
+        for seed in run.seeds
         for method in METHODS
     ]
-    runs = run_all(jobs, options.out / "fig_4_4.json", options.workers)
-    whole = scenario(name, options.seed).problem()
-    problem = SAP(whole.benefits.slice(0, min(options.steps, whole.T)), whole.dynamics)
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(12.5, 4.2), layout="constrained", width_ratios=(1, 1.25)
-    )
-    values = {LABELS[one.job.method]: one.value for one in runs}
-    value_against_bound(values, stepwise_bound(problem).value, left)
+    runs = run_all(jobs, run.out / "fig_4_4_runs.json", options.workers)
+    whole = scenario(NAME).problem()
+    problem = SAP(whole.benefits.slice(0, min(steps, whole.T)), whole.dynamics)
+    bound = stepwise_bound(problem).value
+    figure, (left, right) = common.new_figure(12.5, 4.2, 1, 2, width_ratios=(1, 1.25))
+    values = {LABELS[one.job.method]: one.value for one in runs if one.job.seed == 0}
+    value_against_bound(values, bound, left)
     histories = {}
     for method in ("HAAL", "no handover"):
-        plan = rollout(problem, policy_of(Job(name, options.seed, 0, method, options.lookahead), None)).plan
+        plan = rollout(problem, policy_of(Job(NAME, 0, 0, method, options.lookahead), None)).plan
         histories[LABELS[method]] = SimpleNamespace(plan=plan)
     benefit_history(problem, histories, options.satellite, right)
-    figure.savefig(options.out / "fig_4_4.png", dpi=160)
+    run.write_figure(figure, dpi=160)
     for one in runs:
         print(
-            f"{LABELS[one.job.method]:36s} value {one.value:9.1f}  handovers {one.handovers:6d}  "
+            f"seed {one.job.seed} {LABELS[one.job.method]:36s} value {one.value:9.1f}  handovers {one.handovers:6d}  "
             f"rounds {one.rounds:6.1f}  messages {one.messages:9.0f}  MB {one.megabytes:7.1f}  "
             f"{1e3 * one.seconds_per_step:6.0f} ms a step"
         )
-    print(f"figure: {options.out / 'fig_4_4.png'}")
+    run.write_json({"stepwise_bound_seed_0": bound, "runs": [asdict(one) for one in runs]})
 
 
 if __name__ == "__main__":

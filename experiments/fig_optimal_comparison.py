@@ -1,6 +1,6 @@
 """NoHandover, HAA, HAAL and the optimum over random 5x5x3 problems (thesis, section 4.1).
 
-    python experiments/fig_optimal_comparison.py [--seeds 50] [--cost 0.5] [--out results/optimal_comparison]
+    python experiments/fig_optimal_comparison.py [--seeds 50] [--cost 0.5] [--quick] [--out DIR]
 
 Benefits are uniform on [0, 1]; five agents, five tasks, three steps; the first step is free. Writes a table (JSON)
 and a figure.
@@ -8,11 +8,11 @@ and a figure.
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
+from collections.abc import Sequence
 
+import common
 import numpy as np
+from matplotlib.figure import Figure
 
 from sapopt import SAP, Status, SwitchingCost, solve
 from sapopt.solvers import HAA, HAAL, NoHandover
@@ -21,20 +21,16 @@ from sapopt.solvers.exact import Exact
 N, M, T = 5, 5, 3
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=50, help="problems")
-    parser.add_argument("--cost", type=float, default=0.5)
-    parser.add_argument("--quick", action="store_true", help="ten problems")
-    parser.add_argument("--out", type=Path, default=Path("results/optimal_comparison"))
-    options = parser.parse_args()
-    seeds = 10 if options.quick else options.seeds
+def main(argv: Sequence[str] | None = None) -> None:
+    run = common.begin(
+        __doc__, "fig_optimal_comparison", argv, seeds=50, quick_seeds=10,
+        add=lambda parser: parser.add_argument("--cost", type=float, default=0.5),
+    )  # fmt: skip
+    cost = run.options.cost
     solvers = {"NoHandover": NoHandover(), "HAA": HAA(), "HAAL, L = 3": HAAL(T), "optimum": Exact()}
     values: dict[str, list[float]] = {name: [] for name in solvers}
-    for seed in range(seeds):
-        problem = SAP(np.random.default_rng(seed).random((T, N, M)), SwitchingCost(options.cost))
+    for seed in run.seeds:
+        problem = SAP(np.random.default_rng(seed).random((T, N, M)), SwitchingCost(cost))
         for name, solver in solvers.items():
             result = solve(problem, solver)
             if name == "optimum" and result.status is not Status.OPTIMAL:
@@ -49,23 +45,16 @@ def main() -> None:
             "optimal": int((share > 1 - 1e-7).sum()),
         }  # fmt: skip
         print(f"{name:12} mean {table[name]['mean']:.4f}  share of the optimum {100 * share.mean():6.2f} %  "
-              f"worst {100 * share.min():6.2f} %  optimal in {table[name]['optimal']} of {seeds}")  # fmt: skip
-    options.out.mkdir(parents=True, exist_ok=True)
-    report = {"seeds": seeds, "cost": options.cost, "shape": [T, N, M], "table": table, "values": values}
-    (options.out / "optimal_comparison.json").write_text(json.dumps(report, indent=1) + "\n")
-    draw(values, options.cost, options.out / "optimal_comparison.png")
+              f"worst {100 * share.min():6.2f} %  optimal in {table[name]['optimal']} of {len(run.seeds)}")  # fmt: skip
+    run.write_json({"cost": cost, "shape": [T, N, M], "table": table, "values": values})
+    run.write_figure(draw(values, cost), dpi=130)
 
 
-def draw(values: dict[str, list[float]], cost: float, path: Path) -> None:
+def draw(values: dict[str, list[float]], cost: float) -> Figure:
     """Values problem by problem, sorted by the optimum, and their means."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
     colours = {"NoHandover": "#9aa5b1", "HAA": "#1f77b4", "HAAL, L = 3": "#d95f02", "optimum": "black"}
     order = np.argsort(values["optimum"])
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), width_ratios=(2, 1), layout="constrained")
+    figure, (left, right) = common.new_figure(11, 4, 1, 2, width_ratios=(2, 1))
     for name, reached in values.items():
         line = name == "optimum"
         left.plot(
@@ -81,8 +70,7 @@ def draw(values: dict[str, list[float]], cost: float, path: Path) -> None:
     right.bar_label(bars, fmt="%.2f")
     right.set_xticks(range(len(means)), [name.replace(", ", "\n") for name in values])
     right.set(title="mean", ylim=(min(0.0, *means), 1.1 * max(means)))
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    return figure
 
 
 if __name__ == "__main__":

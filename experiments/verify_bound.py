@@ -1,6 +1,8 @@
 """Does HAAL keep the promise of theorem 3.5.1, at least c/(1+c) of the optimum? Random and adversarial instances.
 
-    python experiments/verify_bound.py [--quick] [--seeds 20] [--out results/verify_bound]
+    python experiments/verify_bound.py [--quick] [--seeds 200] [--out results/verify_bound]
+
+`--seeds` is the number of random instances per setting. `--quick` takes about two minutes on two idle cores.
 
 Random instances: a sweep over (n, m, T, L, cost); the exact optimum by dynamic programming over all assignments.
 Adversarial instances: simulated annealing maximises the loss of HAAL (see `theorem_search`), once from random
@@ -13,15 +15,14 @@ Writes a table (JSON) and a figure: ratio against c, with the curve c/(1+c).
 
 from __future__ import annotations
 
-import argparse
-import json
-import time
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
+import common
 import numpy as np
 import theorem
 import theorem_search as search
+from matplotlib.figure import Figure
 
 RANDOM = [
     # n, m, T
@@ -42,30 +43,15 @@ SHIFTS = (0, 5, 20, 50, 100, 200, 500, 1000, 2000, 5000, 20_000, 100_000)
 Row = dict[str, Any]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="a short sweep (about two minutes on two idle cores)"
-    )
-    parser.add_argument(
-        "--seeds", type=int, default=0, help="random instances per setting (default 200, quick 30)"
-    )
-    parser.add_argument("--out", type=Path, default=Path("results/verify_bound"))
-    options = parser.parse_args()
-    seeds = options.seeds or (30 if options.quick else 200)
-    rounds, starts = (40_000, 3) if options.quick else (400_000, 12)
-    began = time.perf_counter()
-    rows = [row for shape in RANDOM for row in random_rows(*shape, seeds)]
+def main(argv: Sequence[str] | None = None) -> None:
+    run = common.begin(__doc__, "verify_bound", argv, seeds=200, quick_seeds=30)
+    rounds, starts = (40_000, 3) if run.quick else (400_000, 12)
+    rows = [row for shape in RANDOM for row in random_rows(*shape, len(run.seeds))]
     rows += [row for setting in ADVERSARIAL for row in adversarial_rows(*setting, rounds, starts)]
     rows += known_rows(rounds // 4)
     print_table(rows)
-    options.out.mkdir(parents=True, exist_ok=True)
-    report = {"seeds": seeds, "rounds": rounds, "starts": starts, "rows": rows}
-    (options.out / "verify_bound.json").write_text(json.dumps(report, indent=1) + "\n")
-    draw(rows, options.out / "verify_bound.png")
-    print(f"{time.perf_counter() - began:.0f} s; written to {options.out}")
+    run.write_json({"rounds": rounds, "starts": starts, "rows": rows})
+    run.write_figure(draw(rows), dpi=130)
 
 
 def measure(benefits: np.ndarray, cost: int, start: int, lookahead: int, source: str) -> list[Row]:
@@ -170,15 +156,10 @@ def print_table(rows: list[Row]) -> None:
               f"{low['c']:>7.2f} {low['promised']:>8.4f} {lost:>9.3f} {T:>2} {count:>10}")  # fmt: skip
 
 
-def draw(rows: list[Row], path: Path) -> None:
+def draw(rows: list[Row]) -> Figure:
     """Ratio against c, one panel per solver, with the curve of the theorem."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
     panels = ("HAA", "HAAL", "HAAL+")
-    figure, axes = plt.subplots(1, 3, figsize=(13, 4.4), sharey=True, layout="constrained")
+    figure, axes = common.new_figure(13, 4.4, 1, 3, sharey=True)
     c = np.geomspace(0.01, 2000, 400)
     looks = {
         "random": ("#9aa5b1", ".", 10), "search": ("#1f77b4", "o", 16),
@@ -205,8 +186,7 @@ def draw(rows: list[Row], path: Path) -> None:
         axis.grid(alpha=0.25)
     axes[0].set_ylabel("value / optimum")
     axes[0].legend(loc="lower right", framealpha=1.0)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    return figure
 
 
 if __name__ == "__main__":

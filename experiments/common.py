@@ -1,0 +1,174 @@
+"""What the experiments share: the command line (`--seeds`, `--quick`, `--out`), and results with their environment.
+
+A script looks like this::
+
+    \"\"\"One line that says what is measured (thesis, section).
+
+        python experiments/fig_x.py [--seeds 5] [--quick] [--out results/fig_x]
+    \"\"\"
+
+    def main(argv=None):
+        run = common.begin(__doc__, "fig_x", argv, seeds=5, quick_seeds=2)
+        values = [measure(seed) for seed in run.seeds]
+        run.write_json({"values": values})       # DIR/fig_x.json, with environment, seeds, options and seconds
+        figure, axes = common.new_figure(7.2, 3.6)
+        axes.plot(values)
+        run.write_figure(figure)                 # DIR/fig_x.png
+
+Results that are there already are never overwritten without ``--force``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from sapopt.cli.show import environment
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of an experiment.
+
+    Attributes
+    ----------
+    name : str
+        Name of the script; its files are called ``name.json`` and ``name.png``.
+    options : argparse.Namespace
+        All options, also those that the script added.
+    seeds : tuple of int
+        The seeds to go through: 0, 1, ...
+    """
+
+    name: str
+    options: argparse.Namespace
+    seeds: tuple[int, ...]
+    began: float = field(default_factory=time.perf_counter)
+
+    @property
+    def quick(self) -> bool:
+        """Whether a short run was asked for."""
+        return bool(self.options.quick)
+
+    @property
+    def out(self) -> Path:
+        """Folder of the results; it exists."""
+        return Path(self.options.out)
+
+    def say(self, text: str) -> None:
+        """Print a line with the seconds since the start, at once."""
+        print(f"[{time.perf_counter() - self.began:6.1f} s] {text}", flush=True)
+
+    def write_json(self, report: dict[str, Any], name: str | None = None) -> Path:
+        """Write a report with everything that one needs to get it again.
+
+        Parameters
+        ----------
+        report : dict
+            Plain values, numpy numbers and arrays.
+        name : str, optional
+            Name of the file without its suffix; the script's if omitted.
+        """
+        head = {
+            "experiment": self.name,
+            "command": " ".join(["python", *sys.argv]),
+            "options": {key: str(v) if isinstance(v, Path) else v for key, v in vars(self.options).items()},
+            "seeds": list(self.seeds),
+            "environment": {**environment(), "cores": os.cpu_count(), "load": list(os.getloadavg())},
+            "seconds": round(time.perf_counter() - self.began, 2),
+        }
+        path = self.out / f"{name or self.name}.json"
+        part = path.with_name(path.name + ".part")
+        part.write_text(json.dumps(head | report, indent=1, default=_plain) + "\n", encoding="utf-8")
+        part.replace(path)
+        print(f"wrote {path}")
+        return path
+
+    def write_figure(self, figure: Figure, name: str | None = None, dpi: int = 150) -> Path:
+        """Write a figure as PNG beside the report."""
+        path = self.out / f"{name or self.name}.png"
+        figure.savefig(path, dpi=dpi)
+        print(f"wrote {path}")
+        return path
+
+
+def begin(
+    doc: str | None,
+    name: str,
+    argv: Sequence[str] | None = None,
+    *,
+    seeds: int = 1,
+    quick_seeds: int | None = None,
+    add: Callable[[argparse.ArgumentParser], object] | None = None,
+    resumes: bool = False,
+) -> Run:
+    """Read the command line of an experiment.
+
+    Parameters
+    ----------
+    doc : str
+        The module's docstring; it is the help text.
+    name : str
+        Name of the script.
+    argv : sequence of str, optional
+        The arguments; those of the process if omitted.
+    seeds, quick_seeds : int
+        How many seeds are run unless `--seeds` says otherwise, in full and with `--quick`.
+    add : callable, optional
+        Adds the script's own options to the parser.
+    resumes : bool
+        The script goes on where an earlier run ended, so its own results need not be protected.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    few = seeds if quick_seeds is None else quick_seeds
+    parser.add_argument("--seeds", type=int, help=f"number of seeds (default {seeds}, quick {few})")
+    parser.add_argument("--quick", action="store_true", help="a short run, under five minutes")
+    parser.add_argument("--out", type=Path, default=Path("results") / name, metavar="DIR")
+    parser.add_argument("--force", action="store_true", help="overwrite earlier results")
+    if add is not None:
+        add(parser)
+    options = parser.parse_args(argv)
+    if options.seeds is None:
+        options.seeds = few if options.quick else seeds
+    if options.seeds < 1:
+        parser.error(f"--seeds must be at least 1, got {options.seeds}")
+    earlier = options.out / f"{name}.json"
+    if earlier.exists() and not (options.force or resumes):
+        parser.error(f"{earlier} exists already; give --force to overwrite it, or another --out")
+    options.out.mkdir(parents=True, exist_ok=True)
+    return Run(name, options, tuple(range(options.seeds)))
+
+
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, Any]:
+    """A figure in inches and its axes, drawn without a window system; `options` are those of ``Figure.subplots``."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def mean_and_error(values: Any) -> tuple[float, float]:
+    """Mean and its standard error (0 for a single value)."""
+    numbers = np.asarray(values, dtype=np.float64)
+    error = float(numbers.std(ddof=1) / np.sqrt(len(numbers))) if len(numbers) > 1 else 0.0
+    return float(numbers.mean()), error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} cannot be written to JSON")

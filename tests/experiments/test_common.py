@@ -1,0 +1,68 @@
+"""The common command line of the experiments: seeds, quick runs, and results that nothing overwrites."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import common
+import fig_optimal_comparison
+import numpy as np
+import pytest
+
+import sapopt
+
+
+def begin(tmp_path: Path, *argv: str) -> common.Run:
+    """A run of a made-up experiment."""
+    return common.begin("An experiment.", "made_up", [*argv, "--out", str(tmp_path)], seeds=5, quick_seeds=2)
+
+
+@pytest.mark.parametrize(
+    ("argv", "seeds"), [([], 5), (["--quick"], 2), (["--seeds", "3"], 3), (["--quick", "--seeds", "4"], 4)]
+)
+def test_seeds(tmp_path: Path, argv: list[str], seeds: int) -> None:
+    """The number of seeds is what was asked for, else that of a full or a quick run."""
+    run = begin(tmp_path, *argv)
+    assert run.seeds == tuple(range(seeds))
+    assert run.quick is ("--quick" in argv)
+
+
+def test_results_hold_environment_and_seeds(tmp_path: Path) -> None:
+    """The report can be read by any program, and says what it came from."""
+    run = begin(tmp_path, "--seeds", "2")
+    run.write_json({"mean": np.float64(0.5), "values": np.arange(3), "folder": tmp_path})
+    report = json.loads((tmp_path / "made_up.json").read_text(encoding="utf-8"))
+    assert report["seeds"] == [0, 1]
+    assert report["options"]["seeds"] == 2
+    assert report["environment"]["sapopt"] == sapopt.__version__
+    assert report["mean"] == 0.5
+    assert report["values"] == [0, 1, 2]
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Earlier results end the run with status 2 and one clear line before any work, unless --force is given."""
+    begin(tmp_path).write_json({})
+    with pytest.raises(SystemExit) as ended:
+        begin(tmp_path)
+    assert ended.value.code == 2
+    assert "exists already; give --force" in capsys.readouterr().err
+    begin(tmp_path, "--force")
+
+
+def test_bad_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """There is no experiment with no seed."""
+    with pytest.raises(SystemExit):
+        begin(tmp_path, "--seeds", "0")
+    assert "--seeds must be at least 1, got 0" in capsys.readouterr().err
+
+
+def test_a_script_runs(tmp_path: Path) -> None:
+    """The comparison with the optimum, on two problems: its report and its figure are there and right."""
+    fig_optimal_comparison.main(["--seeds", "2", "--out", str(tmp_path)])
+    report = json.loads((tmp_path / "fig_optimal_comparison.json").read_text(encoding="utf-8"))
+    best = report["values"]["optimum"]
+    for values in report["values"].values():
+        assert len(values) == 2
+        assert all(value <= top + 1e-9 for value, top in zip(values, best, strict=True))
+    assert (tmp_path / "fig_optimal_comparison.png").read_bytes().startswith(b"\x89PNG")
