@@ -210,3 +210,15 @@ def _starlink(seed: int, steps: int = 93, tasks: int = 4500, earth: Any = "rotat
 
     ground = c.random_tasks(tasks, seed, max_latitude_deg=60.0, uniform_in="area")
     return c.element_constellation(c.starlink_elements(), ground, steps, earth=earth)
+
+
+@register(
+    "dictator",
+    "3 agents, 3 tasks, 3 states that the first agent sets, 10 steps; greed earns 30 of 60; Holder 2024, 6.1",
+    (10, 3, 3),
+    cost=0.0,
+)
+def _dictator(seed: int, steps: int = 10) -> Scenario:
+    from sapopt.domains.dictator import DictatorScenario
+
+    return DictatorScenario(steps)

@@ -1,6 +1,7 @@
 """State models: how assignments move the state, and what a change of task costs."""
 
 from sapopt.dynamics.base import Dynamics
+from sapopt.dynamics.dictator import Dictator
 from sapopt.dynamics.switching import SwitchingCost
 
-__all__ = ["Dynamics", "SwitchingCost"]
+__all__ = ["Dictator", "Dynamics", "SwitchingCost"]
