@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 class Scenario(Protocol):
     """What a domain builds: data of its own, and the problem made of it."""
 
-    def problem(self, cost: Any = ...) -> SAP:
-        """The sequential assignment problem; `cost` is the cost of a handover."""
+    @property
+    def problem(self) -> Callable[..., SAP]:
+        """``problem(cost=...)``: the sequential assignment problem; `cost` is the cost of a handover."""
         ...
 
 
@@ -117,7 +118,7 @@ def scenario(name: str, seed: int = 0, **options: Any) -> Any:
 
 
 def instance(
-    name: str, seed: int = 0, *, cost: Any = None, idle_is_free: bool = False, **options: Any
+    name: str, seed: int = 0, *, cost: Any = None, idle_is_free: bool | None = None, **options: Any
 ) -> SAP:
     """Build the problem of an instance.
 
@@ -128,8 +129,8 @@ def instance(
         The same seed gives the same problem.
     cost : float or ndarray of shape (m, m), optional
         Cost of a handover; that of the instance if omitted.
-    idle_is_free : bool
-        Charge only moves to tasks of positive benefit.
+    idle_is_free : bool, optional
+        Whether only moves to tasks of positive benefit are charged; the instance's own rule if omitted.
     **options
         Options of the instance, see ``find_instance(name).options``.
 
@@ -139,9 +140,8 @@ def instance(
         If the name or an option is unknown.
     """
     built = scenario(name, seed, **options)
-    problem: SAP = built.problem(
-        cost=find_instance(name).cost if cost is None else cost, idle_is_free=idle_is_free
-    )
+    rule = {} if idle_is_free is None else {"idle_is_free": idle_is_free}
+    problem: SAP = built.problem(cost=find_instance(name).cost if cost is None else cost, **rule)
     return problem
 
 
@@ -222,3 +222,56 @@ def _dictator(seed: int, steps: int = 10) -> Scenario:
     from sapopt.domains.dictator import DictatorScenario
 
     return DictatorScenario(steps)
+
+
+@register(
+    "earth-coverage",
+    "324 satellites, 450 random tasks of priority 1 or 5, 100 steps, idling is free; Holder 2024, 6.3",
+    (100, 324, 450),
+)
+def _earth_coverage(seed: int, steps: int = 100, tasks: int = 450, earth: Any = "still") -> Scenario:
+    from sapopt.domains.power import power_constellation
+
+    return power_constellation(tasks=tasks, steps=steps, seed=seed, battery=False, earth=earth)
+
+
+@register(
+    "power",
+    "324 satellites on batteries, 450 random tasks of priority 1 or 5, 100 steps; Holder 2024, 6.4",
+    (100, 324, 450),
+)
+def _power(
+    seed: int, steps: int = 100, tasks: int = 450, earth: Any = "still", pay_for: Any = "moves"
+) -> Scenario:
+    from sapopt.domains.power import power_constellation
+
+    return power_constellation(tasks=tasks, steps=steps, seed=seed, earth=earth, pay_for=pay_for)
+
+
+@register(
+    "power-1008",
+    "1008 satellites on batteries (36 x 28 at 58 deg, 550 km), 1008 random tasks, 100 steps; the size of 6.5",
+    (100, 1008, 1008),
+)
+def _power_1008(
+    seed: int, steps: int = 100, tasks: int = 1008, earth: Any = "still", pay_for: Any = "moves"
+) -> Scenario:
+    from sapopt.domains.constellation import WalkerShell
+    from sapopt.domains.power import power_constellation
+
+    shell = WalkerShell(36, 28, 58.0, 550.0)
+    return power_constellation(shell, tasks, steps, seed, earth=earth, pay_for=pay_for)
+
+
+@register(
+    "power-4225",
+    "4225 satellites on batteries in five Starlink shells, 4225 random tasks, 100 steps; the size of Holder 2024, 6.5",
+    (100, 4225, 4225),
+)
+def _power_4225(
+    seed: int, steps: int = 100, tasks: int = 4225, earth: Any = "still", pay_for: Any = "moves"
+) -> Scenario:
+    from sapopt.domains.constellation import STARLINK_SHELLS_4225
+    from sapopt.domains.power import power_constellation
+
+    return power_constellation(STARLINK_SHELLS_4225, tasks, steps, seed, earth=earth, pay_for=pay_for)

@@ -54,7 +54,7 @@ def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
                     filled += 1
                 else:
                     total[j] += value
-        _fill_sorted(tasks, gains, total, begin, filled)
+        fill_sorted(tasks, gains, total, begin, filled)
         row_start[i + 1] = filled
     return row_start, tasks[:filled].copy(), gains[:filled].copy()
 
@@ -105,14 +105,14 @@ def longer_window(
                 total[j] = value
                 out_tasks[filled] = j
                 filled += 1
-        _fill_sorted(out_tasks, out_gains, total, begin, filled)
+        fill_sorted(out_tasks, out_gains, total, begin, filled)
         out_start[i + 1] = filled
         negative |= filled > begin and out_gains[filled - 1] < 0.0
     return negative
 
 
 @njit(cache=True, nogil=True)
-def _fill_sorted(tasks, gains, total, begin, end):
+def fill_sorted(tasks, gains, total, begin, end):
     """Write the gains of one row by decreasing gain, equal gains by ascending task (Shell's sort)."""
     for e in range(begin, end):
         gains[e] = total[tasks[e]]

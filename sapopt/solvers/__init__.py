@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from sapopt.solvers.distributed import CBBA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.haal import HAA, HAAL
-from sapopt.solvers.policy import AssignmentPolicy, Greedy, NoHandover, myopic
+from sapopt.solvers.policy import AssignmentPolicy, Greedy, NoHandover, energy_price, myopic, power_constrained
 
 if TYPE_CHECKING:
     from sapopt.solvers.dual_decomposition import DualDecomposition
@@ -26,7 +26,9 @@ __all__ = [
     "Exact",
     "Greedy",
     "NoHandover",
+    "energy_price",
     "myopic",
+    "power_constrained",
 ]
 
 # These load numba or a solver library, so they are imported when they are first asked for.

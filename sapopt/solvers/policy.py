@@ -27,6 +27,35 @@ def no_handover(outlook: Outlook) -> Any:
     return outlook.benefits(1).step(0)
 
 
+def power_constrained(outlook: Outlook) -> Matrix:
+    """beta_hat of a problem with batteries, without the work that would kill the agent (thesis, section 6.4).
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not a `Battery`.
+    """
+    from sapopt.solvers.energy import priced_work
+
+    return priced_work(outlook, lambda charge: np.zeros(len(charge)))
+
+
+def energy_price(outlook: Outlook) -> Matrix:
+    """`power_constrained`, with every step of work charged 0.05 + 1.2 (1 - charge) for the energy it takes.
+
+    The emptier an agent's battery, the more a task must be worth to it; a reference that looks at no later step.
+    Charge counts as a share of the capacity.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not a `Battery`.
+    """
+    from sapopt.solvers.energy import priced_work
+
+    return priced_work(outlook, lambda charge: 0.05 + 1.2 * (1.0 - charge))
+
+
 @dataclass(frozen=True)
 class AssignmentPolicy:
     """Play alpha(generator(outlook)) at every step.

@@ -1,0 +1,59 @@
+"""Benefit matrices of agents on batteries that put a price on energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sapopt.benefits import dense_step
+from sapopt.dynamics.battery import Battery, BatteryState
+from sapopt.matrices import GainMatrix, Matrix
+from sapopt.outlook import Outlook
+from sapopt.types import FloatArray
+
+
+def priced_work(outlook: Outlook, price: Callable[[FloatArray], FloatArray]) -> Matrix:
+    """beta_hat, less a price for every pair that means work; work that would kill the agent is forbidden.
+
+    Parameters
+    ----------
+    outlook : Outlook
+    price : callable
+        ``price(charge)`` gives the price (n,) of a step of work from the charge (n,) as a share of the capacity.
+
+    Returns
+    -------
+    Matrix
+        Sparse if the benefits are.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not a `Battery`.
+    """
+    model = outlook.model
+    if not isinstance(model, Battery):
+        raise ValueError(
+            f"the dynamics must be a Battery, not {type(model).__name__}; without charge there is no energy to price"
+        )
+    state: BatteryState = outlook.state
+    toll = price(state.levels / model.units.capacity)
+    toll = np.where(state.levels <= model.units.drain, np.inf, toll)  # of the living, see `works`
+    benefit = outlook.benefits(1).step(0)
+    if isinstance(benefit, np.ndarray):
+        works = (benefit > 0) & (state.levels > 0)[:, None]
+        hat: FloatArray = dense_step(outlook.beta_hat())
+        return np.where(works, hat - toll[:, None], hat)
+    from sapopt.kernels.windows import window_gains
+
+    n, m = benefit.shape
+    agents = np.repeat(np.arange(n), np.diff(benefit.indptr))
+    moves = (benefit.indices != model.serving(state)[agents]) & (state.held is not None)
+    worth = np.where(state.levels[agents] > 0, benefit.data - model.cost * moves - toll[agents], 0.0)
+    gains = np.where(benefit.data > 0, worth, benefit.data)
+    negative = bool(gains.min(initial=0.0) < 0)
+    row_start, tasks, gains = window_gains(
+        benefit.indptr.astype(np.int64), benefit.indices, gains, 0, 1, n, m, 0.0
+    )
+    return GainMatrix(row_start, tasks, gains, np.full(n, -1), np.zeros(n), 0.0, m, negative)
