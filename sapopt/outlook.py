@@ -148,7 +148,11 @@ class Outlook:
 
 @runtime_checkable
 class Policy(Protocol):
-    """Decides step by step. A policy is immutable; what it remembers between steps is its explicit memory."""
+    """Decides step by step. A policy is immutable; what it remembers between steps is its explicit memory.
+
+    A policy may have a method ``record(memory) -> dict``: what it says of every step goes into the trace, with equal
+    keys throughout.
+    """
 
     @property
     def name(self) -> str:
@@ -198,6 +202,7 @@ def rollout(
     plan = np.empty((problem.T, problem.n), dtype=np.int64)
     trace: list[dict[str, Any]] = []
     total = 0.0
+    record: Callable[[Any], dict[str, Any]] = getattr(policy, "record", lambda _: {})
     status = Status.FEASIBLE
     done = 0  # steps that are decided, with `state` the state after them, wherever an interruption strikes
     try:
@@ -216,7 +221,8 @@ def rollout(
             gain = _step_value(problem, k, state, plan[k])
             total += gain
             done, state = k + 1, problem.transition(k, state, plan[k])
-            trace.append({"step": k, "value": gain, "total": total, "seconds": run.seconds - began})
+            seconds = run.seconds - began
+            trace.append({"step": k, "value": gain, "total": total, "seconds": seconds, **record(memory)})
             run.report(k + 1, problem.T, total)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED

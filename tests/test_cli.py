@@ -387,3 +387,34 @@ class TestProcess:
         )
         out = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
         assert out.split() == []
+
+
+def test_distributed_solvers_hear_the_satellites_in_range(tmp_path: Path) -> None:
+    """The links of a constellation are used, and the trace tells what every step cost."""
+    traffic = {}
+    for reach in ("8000", "inf"):
+        out = tmp_path / reach
+        args = ("solve", "constellation-toy", "--solver", "haal-d", "-L", "2", "--no-bound", "--out", out)
+        outcome = run(*args, "--range-km", reach)
+        assert outcome.exit_code == 0, outcome.stderr
+        traffic[reach] = json.loads((out / "solve.json").read_text(encoding="utf-8"))["trace"]
+        assert len({tuple(step) for step in traffic[reach]}) == 1
+    assert all(step["rounds"] > 0 and step["bytes"] > 0 for step in traffic["8000"])
+    # Everyone in one hop: fewer rounds, and no packet is passed on.
+    near, far = (sum(step["rounds"] for step in traffic[reach]) for reach in ("inf", "8000"))
+    assert near < far
+
+
+def test_bad_range(problem_file: Path) -> None:
+    """A range that splits the satellites, or that nothing uses, is refused in one line."""
+    for options in (["--range-km", "20"], []):
+        outcome = run("solve", "constellation-toy", "--solver", "haal-d", *options)
+        assert outcome.exit_code == 2
+        last = outcome.stderr.strip().splitlines()[-1]
+        assert "parts at step 0; pass a larger --range-km" in last
+    outcome = run("solve", problem_file, "--solver", "cbba", "--range-km", "9")
+    assert "for constellations" in outcome.stderr.strip().splitlines()[-1]
+    assert "positive number of kilometres" in error_line(
+        "solve", problem_file, "--solver", "cbba", "--range-km", "-1"
+    )
+    assert "for solvers that exchange packets" in error_line("solve", problem_file, "--range-km", "2500")

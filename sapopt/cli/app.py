@@ -91,6 +91,13 @@ Force = Annotated[bool, typer.Option("--force", help="Overwrite files that exist
 Lookahead = Annotated[
     int | None, typer.Option("--lookahead", "--window", "-L", help="Steps that the solver looks ahead.")
 ]
+RangeKm = Annotated[
+    float | None,
+    typer.Option(
+        "--range-km",
+        help="Satellites closer than this hear each other in distributed solvers; 2500 if omitted, inf for all.",
+    ),
+]
 Agent = Annotated[int, typer.Option(min=0, help="The agent whose benefit history is drawn.")]
 
 

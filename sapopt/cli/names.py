@@ -30,6 +30,13 @@ METHODS = (
     Method("haal-d", "HAALD", "Algorithm 3: HAAL by auctions between the agents", "lookahead", 3),
     Method("cbba", "CBBA", "consensus-based bundle algorithm between the agents", "lookahead", 1),
     Method("dual-lookahead", "DualLookahead", "receding horizon of W steps with task prices", "window", 6),
+    Method(
+        "dual-lookahead-d",
+        "DistributedDualLookahead",
+        "dual-lookahead with prices from the neighbours",
+        "window",
+        6,
+    ),
     Method("dual-decomposition", "DualDecomposition", "the whole horizon with task prices; proves a bound"),
     Method("exact", "Exact", "an optimal plan, if time allows; proves a bound"),
 )

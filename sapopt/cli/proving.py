@@ -12,7 +12,7 @@ import typer
 from sapopt import verbs
 from sapopt.certificate import Certificate
 from sapopt.certificate import verify as verify_certificate
-from sapopt.cli import show, work
+from sapopt.cli import links, show, work
 from sapopt.cli.app import (
     DEFAULT_SOLVER,
     EXIT_INTERRUPTED,
@@ -22,6 +22,7 @@ from sapopt.cli.app import (
     InstanceArgument,
     Lookahead,
     Out,
+    RangeKm,
     Seed,
     TimeLimit,
     app,
@@ -83,6 +84,7 @@ def certify(
     seed: Seed = 0,
     cost: Cost = None,
     time_limit: TimeLimit = None,
+    range_km: RangeKm = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -90,9 +92,11 @@ def certify(
     named = parse_solver(solver, lookahead)
     work.check_instance(instance)
     check_time(time_limit)
+    links.check_range(range_km, [named])
     check_new(out, force)
     with Reporter() as reporter:
-        name, problem = work.load(instance, seed, cost, reporter)
+        name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
+        (named,) = links.connect([named], scenario, range_km, reporter)
         work.warm_up(problem, [named], reporter)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
         prices = result.prices

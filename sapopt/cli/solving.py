@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from sapopt.cli import show, work
+from sapopt.cli import links, show, work
 from sapopt.cli.app import (
     DEFAULT_SOLVER,
     EXIT_INTERRUPTED,
@@ -18,6 +18,7 @@ from sapopt.cli.app import (
     InstanceArgument,
     Lookahead,
     Out,
+    RangeKm,
     Seed,
     TimeLimit,
     app,
@@ -41,6 +42,7 @@ def compare(
     seed: Seed = 0,
     cost: Cost = None,
     time_limit: TimeLimit = 40.0,
+    range_km: RangeKm = None,
     agent: Agent = 0,
     as_json: AsJson = False,
     out: Out = None,
@@ -50,10 +52,12 @@ def compare(
     chosen = parse_solvers(solvers)
     work.check_instance(instance)
     check_time(time_limit)
+    links.check_range(range_km, chosen)
     output = Output(out, ["compare.json", "compare.npz", "compare.png", "history.png"], force)
     with Reporter() as reporter:
-        name, problem = work.load(instance, seed, cost, reporter)
+        name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
         check_agent(agent, problem.n)
+        chosen = links.connect(chosen, scenario, range_km, reporter)
         run = work.compare(problem, chosen, seed, time_limit, reporter)
         records = {key: show.result_record(result, run.bound) for key, result in run.results.items()}
         report = {
@@ -94,6 +98,7 @@ def solve(
     seed: Seed = 0,
     cost: Cost = None,
     time_limit: TimeLimit = None,
+    range_km: RangeKm = None,
     with_bound: Annotated[
         bool, typer.Option("--bound/--no-bound", help="Also prove a bound, if the solver does not.")
     ] = True,
@@ -106,10 +111,12 @@ def solve(
     named = parse_solver(solver, lookahead)
     work.check_instance(instance)
     check_time(time_limit)
+    links.check_range(range_km, [named])
     output = Output(out, ["solve.json", "solve.npz", "history.png", "timeline.png", "gap.png"], force)
     with Reporter() as reporter:
-        name, problem = work.load(instance, seed, cost, reporter)
+        name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
         check_agent(agent, problem.n)
+        (named,) = links.connect([named], scenario, range_km, reporter)
         work.warm_up(problem, [named], reporter)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
         if with_bound and result.bound is None and result.status is not Status.INTERRUPTED:

@@ -13,11 +13,12 @@ from types import FrameType
 
 from sapopt import verbs
 from sapopt.certificate import Bound
+from sapopt.cli.links import shortened
 from sapopt.cli.names import NamedSolver, nearest
 from sapopt.cli.progress import Phase, Reporter
 from sapopt.control import Callback, Progress
 from sapopt.display import describe
-from sapopt.domains.instances import find_instance, instance, instances
+from sapopt.domains.instances import Scenario, find_instance, instances, scenario
 from sapopt.outlook import Policy
 from sapopt.problem import SAP
 from sapopt.result import Result, Status
@@ -40,6 +41,13 @@ def check_instance(name: str) -> None:
 
 def load(name: str, seed: int, cost: float | None, reporter: Reporter) -> tuple[str, SAP]:
     """Name and problem of a built-in instance, or of a file written by ``SAP.save``."""
+    return load_scenario(name, seed, cost, reporter)[:2]
+
+
+def load_scenario(
+    name: str, seed: int, cost: float | None, reporter: Reporter
+) -> tuple[str, SAP, Scenario | None]:
+    """The same, and the scenario that the problem was made of; None for a file."""
     check_instance(name)
     path = Path(name)
     if path.is_file():
@@ -48,13 +56,15 @@ def load(name: str, seed: int, cost: float | None, reporter: Reporter) -> tuple[
         with reporter.phase(f"reading {name}") as phase:
             problem = SAP.load(path)
             phase.note = _size(problem)
-        return path.stem, problem
-    steps, n, m = find_instance(name).shape
+        return path.stem, problem, None
+    found = find_instance(name)
+    steps, n, m = found.shape
     with reporter.phase(f"building {name}") as phase:
         phase.update(note=f"{n} agents, {m} tasks, {steps} steps")
-        problem = instance(name, seed, cost=cost)
+        built: Scenario = scenario(name, seed)
+        problem = built.problem(cost=found.cost if cost is None else cost)
         phase.note = _size(problem)
-    return name, problem
+    return name, problem, built
 
 
 def _size(problem: SAP) -> str:
@@ -65,6 +75,7 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
     """Compile what the solvers and the bound need, on the first steps, so that no time reported contains it."""
     steps = min(_WARM_UP_STEPS, problem.T)
     small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
+    solvers = shortened(solvers, steps)
     with reporter.phase("compiling kernels", total=len(solvers) + 1) as phase:
         for done, named in enumerate(solvers):
             phase.update(done, note=named.name)

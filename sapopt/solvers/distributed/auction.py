@@ -13,7 +13,7 @@ from sapopt.matrices import GainMatrix, Matrix
 from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.solvers.distributed import common
-from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, check_options
+from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.network import Network
 from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES, Simulator, Traffic
@@ -196,7 +196,7 @@ class AuctionResult:
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedAuction:
+class DistributedAuction(Talks):
     """Assign by a distributed auction: `assign` for one matrix, or as a policy that plays alpha(beta_hat).
 
     Agents know their own benefits and exchange prices and bidders with their neighbours. The assignment is within

@@ -28,7 +28,7 @@ from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.distributed import common
-from sapopt.solvers.distributed.common import Memory, Scene, check_options
+from sapopt.solvers.distributed.common import Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES
 from sapopt.types import FloatArray, IntArray
@@ -38,7 +38,7 @@ CLAIM_BYTES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class CBBA:
+class CBBA(Talks):
     """Consensus-based bundle algorithm, replanned at every step.
 
     Parameters

@@ -24,7 +24,7 @@ from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.auction import run_auctions
-from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, check_options
+from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.network import Network
 from sapopt.solvers.distributed.simulator import HEADER_BYTES
@@ -47,7 +47,7 @@ class _Prices:
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedDualLookahead:
+class DistributedDualLookahead(Talks):
     """Dual lookahead without a central node.
 
     Parameters

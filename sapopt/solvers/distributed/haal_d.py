@@ -16,7 +16,7 @@ from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.auction import infeasible, run_auctions
-from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, check_options
+from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.types import FloatArray, IntArray
 
@@ -94,7 +94,7 @@ def best_sequence(
 
 
 @dataclass(frozen=True, eq=False)
-class HAALD:
+class HAALD(Talks):
     """Handover-aware assignment with lookahead, distributed (thesis, Algorithm 3).
 
     At every step the agents hold one auction for each of the L (L + 1) / 2 intervals of the window, side by side in

@@ -33,6 +33,9 @@ class _Recorder:
         self.steps.append(memory.traffic)
         return tasks, memory
 
+    def record(self, memory: Any) -> dict[str, Any]:
+        return dict(self.policy.record(memory))
+
 
 def play(problem: SAP, policy: Policy, run: Run | None = None) -> tuple[Rollout, list[Traffic]]:
     """`sapopt.outlook.rollout` of a distributed policy, with the traffic of every step.

@@ -49,8 +49,11 @@ class Exact:
     SolverError
         If the solver fails.
 
-    Notes ----- The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or
-    FEASIBLE where the solver stopped for another reason. Without a time limit it runs until it has a proof.
+    Notes
+    -----
+    The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or FEASIBLE where
+    the solver stopped for another reason. Without a time limit it runs until it has a proof. "milp" runs inside `cvxpy`,
+    which has no callback: a time limit holds, but progress and an early end asked for by the callback do not reach it.
 
     References
     ----------

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sapopt import SAP, SwitchingCost
+from sapopt import SAP, SwitchingCost, solve
 from sapopt.assignment import best_assignment
 from sapopt.benefits import Benefits
 from sapopt.outlook import Outlook, WindowSums, rollout
-from sapopt.solvers import HAA, HAALD, CentralHAALD, DistributedAuction
+from sapopt.solvers import CBBA, HAA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.distributed import Faults, Network, Simulator, play
 from sapopt.solvers.distributed.common import Scene
 from sapopt.solvers.distributed.haal_d import contributions, interval_problems
@@ -228,3 +228,14 @@ def test_idle_agents_of_an_array_do_not_crowd() -> None:
     problem = SAP(values, 1.0, np.arange(20))
     _, traffic = play(problem, HAALD(1, 0.01, nx.complete_graph(20)))
     assert traffic[1].rounds < 40
+
+
+def test_solve_keeps_the_traffic() -> None:
+    """`solve` tells in the trace what `play` returns beside the plan, with equal keys at every step."""
+    problem = SAP(np.random.default_rng(0).random((4, 5, 6)), SwitchingCost(0.3))
+    for policy in (HAALD(2), CBBA(2), DistributedAuction(), DistributedDualLookahead(2)):
+        result = solve(problem, policy)
+        traffic = play(problem, policy)[1]
+        assert [step["rounds"] for step in result.trace] == [one.rounds for one in traffic]
+        assert [step["bytes"] for step in result.trace] == [one.bytes for one in traffic]
+        assert len({tuple(step) for step in result.trace}) == 1
