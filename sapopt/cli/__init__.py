@@ -1,9 +1,9 @@
 """The ``sapopt`` program."""
 
-from sapopt.cli import proving, solving  # they add their commands to the app
+from sapopt.cli import proving, solving, training  # they add their commands to the app
 from sapopt.cli.app import app
 
-__all__ = ["app", "main", "proving", "solving"]
+__all__ = ["app", "main", "proving", "solving", "training"]
 
 
 def main() -> None:

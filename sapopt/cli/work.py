@@ -137,6 +137,13 @@ def prove_bound(problem: SAP, seed: int, time_limit: float | None, reporter: Rep
     return proven
 
 
+@contextmanager
+def watched(text: str, reporter: Reporter) -> Iterator[tuple[Phase, Callback]]:
+    """A phase, and a callback that shows a run in it; the first Ctrl-C makes the callback end the run."""
+    with reporter.phase(text) as phase, _first_interrupt_asks() as asked:
+        yield phase, _shown(phase, asked)
+
+
 def _shown(phase: Phase, asked: threading.Event) -> Callback:
     """A callback that shows the reports of a run, and ends it when the user asked to."""
 

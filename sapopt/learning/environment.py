@@ -1,0 +1,122 @@
+"""A sequential assignment problem as an environment on arrays: states, assignments, one reward for every agent.
+
+Two reward rules. If conflicts are forbidden (a SAP), agent i earns its entry of beta_hat for its task. If they are
+*shared*, any joint choice is allowed, and of the q holders of a task each earns a q-th of its own entry of beta_hat
+where that is positive, and pays it in full where it is negative: handovers and batteries are everybody's own. For
+assignments without conflicts both rules agree.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sapopt.learning.observation import ObservationSpec, observe
+from sapopt.outlook import Outlook, WindowSums
+from sapopt.problem import SAP
+from sapopt.types import FloatArray, IntArray
+
+
+def charge_of(model: Any, state: Any) -> FloatArray | None:
+    """Charges (n,) in a state, in parts of the capacity; None where the model knows no charge."""
+    if not hasattr(model, "charge_of"):
+        return None
+    return np.asarray(model.charge_of(state) / model.capacity)
+
+
+def held_by(state: Any) -> IntArray | None:
+    """Previous assignment (n,) in a state of one of the library's dynamics; None before a first free step.
+
+    Raises
+    ------
+    ValueError
+        If the state does not show it.
+    """
+    if state is None or isinstance(state, np.ndarray):
+        return state
+    if not hasattr(state, "held"):
+        raise ValueError(
+            f"dynamics: a state of type {type(state).__name__} shows no previous assignment; learned policies need "
+            "an array of tasks, or an attribute `held`"
+        )
+    held: IntArray | None = state.held
+    return held
+
+
+class Environment:
+    """One episode of a problem, step by step.
+
+    Parameters
+    ----------
+    problem : SAP
+    conflicts_shared : bool
+        Allow several agents on one task; see the module documentation for the reward.
+    """
+
+    def __init__(self, problem: SAP, conflicts_shared: bool = False) -> None:
+        self.problem = problem
+        self.conflicts_shared = conflicts_shared
+        self._flat = problem.benefits.flat()
+        self._parking = np.arange(problem.m)
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the step before the first."""
+        self.k = 0
+        self.state: Any = self.problem.initial_state()
+        self._windows = WindowSums(self.problem.benefits)
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps are played."""
+        return self.k == self.problem.T
+
+    def outlook(self) -> Outlook:
+        """What a policy may know now."""
+        self._windows.forget(before=self.k)
+        return Outlook(self.k, self.problem.T, self.state, self.problem, self._windows, self._parking)
+
+    def observe(self, spec: ObservationSpec) -> tuple[np.ndarray, IntArray]:
+        """Observations of all agents now, and the tasks that they list (see `sapopt.learning.observation`)."""
+        charge = charge_of(self.problem.model, self.state)
+        return observe(self._flat, self.problem.benefits.shape, self.k, held_by(self.state), charge, spec)
+
+    def step(self, assignment: IntArray) -> FloatArray:
+        """Play one assignment.
+
+        Parameters
+        ----------
+        assignment : ndarray of int64, shape (n,)
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Reward of every agent; the sum is the step's part of ``SAP.evaluate``.
+
+        Raises
+        ------
+        ValueError
+            If the episode is over, a task is out of range, or two agents share a task and that is forbidden.
+        """
+        if self.done:
+            raise ValueError("the episode is over; call reset()")
+        problem = self.problem
+        if not self.conflicts_shared:
+            assignment = problem.check_assignment(assignment, self.k)
+        rewards = self._entries(assignment)
+        if self.conflicts_shared:
+            holders = np.bincount(assignment, minlength=problem.m)[assignment]
+            rewards = np.where(rewards > 0, rewards / holders, rewards)
+        self.state = problem.transition(self.k, self.state, assignment)
+        self.k += 1
+        return rewards
+
+    def _entries(self, assignment: IntArray) -> FloatArray:
+        """beta_hat of every agent's task."""
+        problem, k = self.problem, self.k
+        benefit = problem.benefits.slice(k, k + 1).at(assignment[None])[0]
+        quick = getattr(problem.model, "handover_at", None)
+        if quick is not None:
+            return np.asarray(benefit + quick(k, self.state, assignment))
+        return np.asarray(benefit + problem.handover(k, self.state)[np.arange(problem.n), assignment])

@@ -1,0 +1,122 @@
+"""The Q-network that all agents share, and its file: safetensors with everything needed to use the weights."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from sapopt.learning.observation import ObservationSpec
+
+FORMAT = "sapopt-network-1"
+
+
+class Network(torch.nn.Module):
+    """Multilayer perceptron with ReLU: observation to one value for each listed task and one for any other task.
+
+    Parameters
+    ----------
+    spec : ObservationSpec
+    hidden : sequence of int
+        Sizes of the hidden layers; 64 and 64 in the thesis.
+    outputs : int, optional
+        ``spec.actions`` by default.
+    """
+
+    def __init__(
+        self, spec: ObservationSpec, hidden: Sequence[int] = (64, 64), outputs: int | None = None
+    ) -> None:
+        super().__init__()
+        self.spec = spec
+        self.hidden = tuple(hidden)
+        self.outputs = spec.actions if outputs is None else outputs
+        sizes = [spec.size, *self.hidden, self.outputs]
+        layers: list[torch.nn.Module] = []
+        for inputs, outs in itertools.pairwise(sizes):
+            layers += [torch.nn.Linear(inputs, outs), torch.nn.ReLU()]
+        self.layers = torch.nn.Sequential(*layers[:-1])
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Values, shape (..., outputs)."""
+        values: torch.Tensor = self.layers(observations)
+        return values
+
+    def values(self, observations: np.ndarray) -> np.ndarray:
+        """Values of an array of observations, without gradients."""
+        with torch.no_grad():
+            out: np.ndarray = self(torch.from_numpy(observations)).numpy()
+        return out
+
+
+def new_network(
+    spec: ObservationSpec, seed: int, hidden: Sequence[int] = (64, 64), outputs: int | None = None
+) -> Network:
+    """A network with random weights that depend on `seed` alone; torch's global generator is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return Network(spec, hidden, outputs)
+
+
+def save_network(network: Network, path: str | Path, about: dict[str, Any] | None = None) -> None:
+    """Write weights, sizes and `about` (anything JSON can hold: command, seed, results) to a safetensors file."""
+    meta = {
+        "format": FORMAT,
+        "spec": json.dumps(asdict(network.spec)),
+        "hidden": json.dumps(network.hidden),
+        "outputs": str(network.outputs),
+        "about": json.dumps(about or {}),
+    }
+    tensors = {name: tensor.contiguous() for name, tensor in network.state_dict().items()}
+    save_file(tensors, str(path), metadata=meta)
+
+
+def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
+    """Read a network and what was noted about it.
+
+    Only safetensors files are read: they hold numbers, never code.
+
+    Raises
+    ------
+    ValueError
+        If the file is no such file, is damaged, or its weights do not fit the sizes it names; the message says which.
+    OSError
+        If it cannot be read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file of weights")
+    try:
+        with safe_open(str(path), framework="pt") as file:
+            meta = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no iterator
+    except (SafetensorError, ValueError) as error:
+        raise ValueError(f"{path}: not a safetensors file, or a damaged one ({error})") from None
+    if meta.get("format") != FORMAT:
+        raise ValueError(
+            f"{path}: not weights of sapopt (format {meta.get('format')!r}, expected {FORMAT!r})"
+        )
+    try:
+        spec = ObservationSpec(**json.loads(meta["spec"]))
+        hidden = [int(size) for size in json.loads(meta["hidden"])]
+        outputs = int(meta["outputs"])
+        about = dict(json.loads(meta["about"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: damaged description of the network ({error})") from None
+    network = Network(spec, hidden, outputs)
+    wanted = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
+    if wanted != found:
+        raise ValueError(f"{path}: weights {found} do not fit the network it names, {wanted}")
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise ValueError(f"{path}: weights {name!r} are not finite numbers")
+    network.load_state_dict(tensors)
+    return network, about

@@ -1,0 +1,141 @@
+"""What an agent sees: the observation of section 6.2 of Holder (2024), for all agents at once.
+
+Layout of one observation, with M tasks, N neighbours and L steps (501 numbers for M = N = 10, L = 3 with charges):
+
+=====================  =========  ==============================================================================
+block                  numbers    content
+=====================  =========  ==============================================================================
+own benefits           M L        benefit of the M best tasks (by their sum over the window) at the next L steps
+rivals                 N M L      benefit of the N neighbours for those same tasks
+rivals' other tasks    N (M/2) L  benefit of each neighbour for its M/2 best other tasks
+previous task          M          1 where the task is the one held before
+charges                1 + N      charge of the agent and of the neighbours; only where the state has one
+=====================  =========  ==============================================================================
+
+The neighbours of an agent are the agents with the greatest summed benefit for its M best tasks. Absent tasks,
+neighbours and steps beyond the horizon are zeros.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.benefits import Flat
+from sapopt.matrices import GainMatrix
+from sapopt.solvers.base import check_lookahead
+from sapopt.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """Sizes of the observation.
+
+    Parameters
+    ----------
+    tasks : int
+        M, the tasks an agent distinguishes; even.
+    neighbours : int
+        N.
+    steps : int
+        L, the steps it looks ahead.
+    charge : bool
+        Whether the observation ends with the charges.
+
+    Raises
+    ------
+    ValueError
+        If a size is not a whole number of at least 1, or `tasks` is odd.
+    """
+
+    tasks: int = 10
+    neighbours: int = 10
+    steps: int = 3
+    charge: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("tasks", "neighbours", "steps"):
+            check_lookahead(getattr(self, name), name)
+        if self.tasks % 2:
+            raise ValueError(
+                f"tasks must be even, got {self.tasks}: half as many are shown of each neighbour"
+            )
+
+    @property
+    def size(self) -> int:
+        """Numbers in one observation."""
+        M, N, L = self.tasks, self.neighbours, self.steps
+        return M * L + N * M * L + N * (M // 2) * L + M + (N + 1 if self.charge else 0)
+
+    @property
+    def actions(self) -> int:
+        """Outputs of a network: the M tasks, and any other task."""
+        return self.tasks + 1
+
+
+def observe(
+    flat: Flat, shape: tuple[int, int, int], k: int, held: IntArray | None, charge: FloatArray | None,
+    spec: ObservationSpec,
+) -> tuple[NDArray[np.float32], IntArray]:  # fmt: skip
+    """Observations of all agents at step k of `flat`.
+
+    Parameters
+    ----------
+    flat : Flat
+        Benefits of all steps that may be seen.
+    shape : (T, n, m)
+        Their shape.
+    k : int
+        Step, 0-based.
+    held : ndarray of int64, shape (n,), or None
+        Previous assignment.
+    charge : ndarray of float64, shape (n,), or None
+        Charges, in parts of the capacity; only if ``spec.charge``.
+    spec : ObservationSpec
+
+    Returns
+    -------
+    observations : ndarray of float32, shape (n, spec.size)
+    tasks : ndarray of int64, shape (n, M)
+        The tasks that the network's first M outputs stand for, -1 where there is none.
+    """
+    from sapopt.learning import observation_kernels as kernels
+
+    T, n, m = shape
+    out = np.zeros((n, spec.size), dtype=np.float32)
+    tasks = kernels.observe(
+        flat.indptr, flat.indices, flat.data, k, min(k + spec.steps, T), n, m,
+        spec.tasks, spec.neighbours, spec.steps,
+        np.full(n, -1) if held is None else held,
+        np.empty(0) if not spec.charge or charge is None else charge,
+        out,
+    )  # fmt: skip
+    return out, tasks
+
+
+def gain_matrix(q: Any, tasks: IntArray, m: int) -> GainMatrix:
+    """The matrix of Q-values that alpha assigns, in sparse form.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n, M + 1)
+        Values of the listed tasks, and of any other task.
+    tasks : ndarray of int64, shape (n, M)
+    m : int
+        Number of tasks.
+
+    Returns
+    -------
+    GainMatrix
+        Entry (i, j) is ``q[i, s]`` if ``tasks[i, s] == j``, else ``q[i, M]``, up to a constant for every agent, which
+        changes no assignment: each agent holds exactly one task.
+    """
+    from sapopt.learning.observation_kernels import alpha_rows
+
+    values = np.asarray(q, dtype=np.float64)
+    row_start, listed, gains, negative = alpha_rows(values, tasks)
+    n = len(values)
+    return GainMatrix(row_start, listed, gains, np.full(n, -1), np.zeros(n), 0.0, m, bool(negative))

@@ -1,0 +1,120 @@
+"""Training REDA: it repeats, it goes on after a kill as if nothing had happened, and it learns."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from sapopt import SAP, SwitchingCost, solve
+from sapopt.control import Run
+from sapopt.domains.instances import instance
+from sapopt.learning import REDA, Environment, ObservationSpec, TrainOptions, train_reda
+from sapopt.learning.replay import Replay
+from sapopt.learning.train import Learner, Training, replayed
+from sapopt.solvers import AssignmentPolicy, myopic
+
+OPTIONS = TrainOptions(
+    episodes=6, gradient_steps=3, stretches=2, stretch=3, memory=4, hidden=(8, 8), evaluate_every=2, evaluations=1,
+    checkpoint_every=1, spec=ObservationSpec(6, 4, 2, charge=False),
+)  # fmt: skip
+GUIDE = AssignmentPolicy(myopic)
+
+
+def problems(seed: int) -> SAP:
+    """Small constellations with free idling."""
+    return instance("constellation-toy", seed, idle_is_free=True, steps=8)
+
+
+def weights(training: Training) -> list[np.ndarray]:
+    """All weights."""
+    return [tensor.numpy() for tensor in training.reda.network.state_dict().values()]
+
+
+def test_seeds_repeat_and_a_kill_changes_nothing(tmp_path: Path) -> None:
+    """The same seed gives the same weights bit for bit, killed and resumed or not; another seed gives others."""
+    whole = train_reda(problems, GUIDE, OPTIONS, tmp_path / "whole")
+    for stop in (1, 3):
+        folder = tmp_path / f"killed{stop}"
+        part = train_reda(problems, GUIDE, OPTIONS, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
+        assert part.episodes == stop
+        resumed = train_reda(problems, GUIDE, OPTIONS, folder)
+        assert resumed.value == whole.value
+        assert all(map(np.array_equal, weights(resumed), weights(whole)))
+        logs = []
+        for name in ("whole", folder.name):
+            with (tmp_path / name / "log.csv").open() as file:
+                logs.append(
+                    [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(file)]
+                )
+        assert logs[0] == logs[1]
+        assert len(logs[0]) == OPTIONS.episodes
+    other = train_reda(problems, GUIDE, replace(OPTIONS, seed=1), tmp_path / "other")
+    assert not all(map(np.array_equal, weights(other), weights(whole)))
+
+
+def test_other_options_are_refused(tmp_path: Path) -> None:
+    """A folder of another run, or a damaged checkpoint, is not taken over."""
+    train_reda(problems, GUIDE, replace(OPTIONS, episodes=1), tmp_path)
+    with pytest.raises(ValueError, match="discount"):
+        train_reda(problems, GUIDE, replace(OPTIONS, episodes=1, discount=0.5), tmp_path)
+    path = tmp_path / "checkpoint.safetensors"
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(ValueError, match="damaged checkpoint"):
+        train_reda(problems, GUIDE, replace(OPTIONS, episodes=1), tmp_path)
+
+
+def test_memory_shows_what_was_seen() -> None:
+    """Observations made again from the memory are those of the play."""
+    problem = problems(0)
+    plan = solve(problem, GUIDE).plan
+    episode = replayed(0, problem, plan)
+    env = Environment(problem)
+    for k in range(problem.T):
+        np.testing.assert_array_equal(env.observe(OPTIONS.spec)[0], episode.observe(k, OPTIONS.spec)[0])
+        env.step(plan[k])
+    assert episode.rewards.sum() == pytest.approx(problem.evaluate(plan).value, rel=1e-5)
+
+
+def test_standardised_rewards() -> None:
+    """Per agent: mean 0 and deviation 1; in common: one number for all."""
+    replay = Replay(2, OPTIONS.spec)
+    problem = problems(0)
+    replay.add(replayed(0, problem, solve(problem, GUIDE).plan))
+    rewards = replay.episodes[0].rewards
+    mean, deviation = replay.reward_scale("agent")
+    busy = rewards.std(axis=0) > 1e-3
+    np.testing.assert_allclose(((rewards - mean) / deviation)[:, busy].std(axis=0), 1.0, atol=1e-3)
+    mean, deviation = replay.reward_scale("common")
+    assert not mean.any()
+    assert len(set(deviation)) == 1
+
+
+def test_targets_follow_the_assignment() -> None:
+    """With the discount 0 the network learns the rewards themselves: the loss falls far below its start."""
+    learner = Learner(problems, GUIDE, replace(OPTIONS, discount=0.0, gradient_steps=1, hidden=(32, 32)))
+    learner.play_and_learn()
+    scale = learner.replay.reward_scale("common")
+    losses = [learner._learn(learner.replay.sample(2, 3, learner.rng), *scale) for _ in range(600)]
+    assert np.mean(losses[-50:]) < 0.2 * np.mean(losses[:10])
+
+
+@pytest.mark.parametrize(("name", "value"), [("episodes", 0), ("explore", 2.0), ("standardise", "twice")])
+def test_bad_options_are_named(name: str, value: object) -> None:
+    """An option out of range is refused by its name."""
+    with pytest.raises(ValueError, match=name):
+        TrainOptions(**{name: value})  # type: ignore[arg-type]
+
+
+def test_generator_needs_the_right_state() -> None:
+    """Weights trained with charges do not run on a problem without."""
+    from sapopt.learning.network import new_network
+
+    problem = SAP(np.ones((2, 2, 2)), SwitchingCost(0.1))
+    with pytest.raises(ValueError, match="charges"):
+        solve(problem, AssignmentPolicy(REDA(new_network(ObservationSpec(), 0))))
