@@ -11,7 +11,7 @@ import numpy as np
 
 from sapopt.assignment import best_assignment
 from sapopt.benefits import Benefits, dense_step
-from sapopt.control import Run
+from sapopt.control import Expired, Run
 from sapopt.feasibility import InfeasibleError
 from sapopt.matrices import Matrix
 from sapopt.problem import SAP
@@ -90,6 +90,10 @@ class WindowSums:
         self._dense = {key: sums for key, sums in self._dense.items() if key[0] >= before}
 
 
+def _never() -> None:
+    """The check of an outlook that nobody waits for."""
+
+
 @dataclass(frozen=True, eq=False)
 class Outlook:
     """Everything a policy may use to decide step `k`.
@@ -108,6 +112,9 @@ class Outlook:
         Known or forecast benefits.
     parking : ndarray of int64, shape (m,)
         Order in which idle agents try free tasks.
+    check : callable
+        Raises `sapopt.control.Expired` when the run is over. A policy whose step takes long calls it now and then and
+        lets the exception pass; the step then counts as not decided.
     """
 
     k: int
@@ -116,6 +123,7 @@ class Outlook:
     problem: SAP
     windows: WindowSums
     parking: IntArray
+    check: Callable[[], None] = _never
 
     @property
     def model(self) -> Any:
@@ -215,7 +223,7 @@ def rollout(
             else:
                 windows.forget(before=k)
             began = run.seconds
-            outlook = Outlook(k, windows.end, state, problem, windows, parking)
+            outlook = Outlook(k, windows.end, state, problem, windows, parking, run.check)
             tasks, memory = policy.act(outlook, memory)
             plan[k] = problem.check_assignment(tasks, k)
             gain = _step_value(problem, k, state, plan[k])
@@ -226,6 +234,8 @@ def rollout(
             run.report(k + 1, problem.T, total)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
+    except Expired:
+        status = Status.INTERRUPTED if run.stopped else Status.TIME_LIMIT
     if done < problem.T:
         log.warning(
             "%s ended at step %d of %d; the last assignment is kept from there", policy.name, done, problem.T

@@ -11,7 +11,7 @@ import numpy as np
 from sapopt.assignment import best_assignment
 from sapopt.benefits import dense_step
 from sapopt.certificate import Bound, Certificate, CertificateError, prove
-from sapopt.control import Callback, Run
+from sapopt.control import Callback, Run, interruptible
 from sapopt.matrices import GainMatrix
 from sapopt.outlook import Forecast, Policy, rollout
 from sapopt.problem import SAP
@@ -75,11 +75,12 @@ def solve(
     plan = None if start is None else problem.check_plan(start.plan if isinstance(start, Result) else start)
     with _display(progress, solver.name, callback) as report:
         run = Run(seed, time_limit, report, plan)
-        if isinstance(solver, Policy):
-            played = rollout(problem, solver, run, forecast)
-            outcome = Outcome(played.plan, played.status, trace=played.trace)
-        else:
-            outcome = solver.plan(problem, run)
+        with interruptible(run):
+            if isinstance(solver, Policy):
+                played = rollout(problem, solver, run, forecast)
+                outcome = Outcome(played.plan, played.status, trace=played.trace)
+            else:
+                outcome = solver.plan(problem, run)
         runtime = run.seconds
     return Result(
         outcome.plan, problem.evaluate(outcome.plan), outcome.status, runtime, solver.name, outcome.bound,
@@ -95,8 +96,10 @@ def _display(progress: bool, name: str, callback: Callback | None) -> AbstractCo
     return progress_bar(name, callback)
 
 
-def stepwise_bound(problem: SAP) -> Bound:
+def stepwise_bound(problem: SAP, run: Run | None = None) -> Bound:
     """The sum over the steps of alpha(beta_k): what could be had if no handover ever cost anything.
+
+    When the run is over, the steps that are left count what every agent gains at most, which is valid too.
 
     Raises
     ------
@@ -113,7 +116,10 @@ def stepwise_bound(problem: SAP) -> Bound:
     order = np.arange(problem.m)
     total = 0.0
     for k in range(problem.T):
-        total += best_assignment(_matrix(problem, k), order).value
+        if run is not None and run.report(k, problem.T, None, None, "alpha(beta)"):
+            total += float(dense_step(problem.benefits.step(k)).max(axis=1).sum())
+        else:
+            total += best_assignment(_matrix(problem, k), order).value
     padding = 1e-12 * max(1.0, abs(total))
     return Bound(total + problem.T * problem.n * float(limit) + padding, None, "sum of alpha(beta_k)")
 
@@ -163,19 +169,25 @@ def bound(
         If nothing can be proven about the dynamics; the message says what it has to declare.
     """
     _check_common(problem, time_limit, seed)
-    if not hasattr(problem.model, "path_oracle"):
-        return stepwise_bound(problem)
+    with _display(progress, "bound", callback) as report:
+        run = Run(seed, time_limit, report)
+        with interruptible(run):
+            if not hasattr(problem.model, "path_oracle"):
+                return stepwise_bound(problem, run)
+            return _dual_bound(problem, run, prices)
+
+
+def _dual_bound(problem: SAP, run: Run, prices: FloatArray | None) -> Bound:
     from sapopt.formulations.dual import ascend
 
     oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
-    with _display(progress, "bound", callback) as report:
-        run = Run(seed, time_limit, report)
 
-        def tell(iteration: int, value: float, _: FloatArray) -> bool:
-            done, total = (iteration, 0) if time_limit is None else (run.seconds, time_limit)
-            return run.report(done, total, None, value, f"iteration {iteration}")
+    def tell(iteration: int, value: float, _: FloatArray) -> bool:
+        done, total = (iteration, 0) if run.time_limit is None else (run.seconds, run.time_limit)
+        return run.report(done, total, None, value, f"iteration {iteration}")
 
-        found = ascend(oracle, prices, time_limit=time_limit, callback=tell, seed=seed)
+    limit = None if run.time_limit is None else max(run.seconds_left, 0.0)
+    found = ascend(oracle, prices, time_limit=limit, callback=tell, seed=run.seed)
     return Bound(float(found.bound), found.prices, "Lagrangian dual of the task capacities")
 
 

@@ -23,6 +23,7 @@ from numba import njit
 from sapopt.kernels.matching import solve_rows
 from sapopt.kernels.windows import listed_gain, longer_window
 
+FOUND, STUCK, UNFINISHED = 1, -1, -2
 OPEN = -1  # instead of a child: not solved
 _UNPRICED = 1e300  # bound of what has no prices yet
 _TIE = 1e-12  # relative difference below which two sequences are equal
@@ -74,7 +75,7 @@ def add_step(windows, prices, indptr, indices, data, m, first, last, entry_cost)
 
 
 @njit(cache=True, nogil=True)
-def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, order):
+def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, order, budget):
     """Find the first assignment of the best sequence of intervals over ``k .. stop - 1``.
 
     Parameters
@@ -91,11 +92,14 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
     idle_is_free : bool
     order : ndarray of int64, shape (m,)
         Parking order.
+    budget : int
+        Most intervals to solve in this call. What was solved stays in `nodes`, so another call goes on from there.
 
     Returns
     -------
-    found : bool
-        False if idle agents found no task in an interval: then idling is not free there, and another way must be taken.
+    outcome : int
+        FOUND; STUCK if idle agents found no task in an interval: then idling is not free there, and another way must be
+        taken; UNFINISHED if the budget was too small.
     first : ndarray of int64, shape (n,)
     solved : int
         Intervals that had to be solved.
@@ -116,26 +120,29 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
                 if nodes.child[here, node, length - 1] == OPEN:
                     if cut == stop - 1:
                         continue
+                    if solved == budget:
+                        return UNFINISHED, root, solved
                     solved += 1
                     if not _solve(nodes, start, node, length, problem):
-                        return False, root, solved
+                        return STUCK, root, solved
                 child = nodes.child[here, node, length - 1]
                 value = before[here, node] + nodes.value[here, node, length - 1]
                 before[cut % ring, child] = max(before[cut % ring, child], value)
-    count = _last_intervals(nodes, before, k, stop, problem)
-    if count < 0:
-        return False, root, solved
+    outcome, count = _last_intervals(nodes, before, k, stop, problem, budget - solved)
+    solved += count
+    if outcome != FOUND:
+        return outcome, root, solved
     first = _best_cut(nodes, before, k, stop, root_node)
     child = nodes.child[k % ring, root_node, first - 1]
-    return True, nodes.state[(k + first) % ring, child].astype(np.int64), solved + count
+    return FOUND, nodes.state[(k + first) % ring, child].astype(np.int64), solved
 
 
 @njit(cache=True, nogil=True)
-def _last_intervals(nodes, before, k, stop, problem):
+def _last_intervals(nodes, before, k, stop, problem, budget):
     """Solve the intervals that end at `stop` or one step before it, as long as one may be part of the best sequence.
 
     The most promising one comes first. It is solved when its bound is sharp, and otherwise gets a sharper one; as long
-    as its window has no prices, there is none. Returns the number solved, -1 if one cannot be solved.
+    as its window has no prices, there is none. Returns the outcome as `search` does, and the number solved.
     """
     ring, capacity = before.shape
     start = np.empty(2 * capacity, np.int64)
@@ -178,9 +185,11 @@ def _last_intervals(nodes, before, k, stop, problem):
         start[q], node[q], length[q] = start[size], node[size], length[size]
         bound[q], sharp[q] = bound[size], sharp[size]
         if nodes.child[a % ring, v, end - a - 1] == OPEN:
-            if not _solve(nodes, a, v, end - a, problem):
-                return -1
+            if solved == budget:
+                return UNFINISHED, solved
             solved += 1
+            if not _solve(nodes, a, v, end - a, problem):
+                return STUCK, solved
         value = here + nodes.value[a % ring, v, end - a - 1]
         child = nodes.child[a % ring, v, end - a - 1]
         if end == stop:
@@ -191,7 +200,7 @@ def _last_intervals(nodes, before, k, stop, problem):
             bound[size] = value + _rough_bound(end, stop, stop, ring - 1, problem)
             sharp[size] = False
             size += 1
-    return solved
+    return FOUND, solved
 
 
 @njit(cache=True, nogil=True)

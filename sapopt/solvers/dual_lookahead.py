@@ -8,6 +8,7 @@ the window, where HAAL's is exponential in the lookahead.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,19 +75,23 @@ class DualLookahead:
         if memory is not None:
             known = min(T, len(memory) - 1)
             prices[:known] = memory[1 : known + 1]
-        prices = self._priced(oracle, prices, memory is None)
+        prices = self._priced(oracle, prices, memory is None, outlook.check)
         return outlook.assign(oracle.first_values(prices)), prices
 
-    def _priced(self, oracle: FirstValueOracle, prices: FloatArray, first: bool) -> FloatArray:
+    def _priced(
+        self, oracle: FirstValueOracle, prices: FloatArray, first: bool, check: Callable[[], None]
+    ) -> FloatArray:
         iterations = 4 * self.iterations if first else self.iterations
         if isinstance(oracle, SoftPathOracle):
             descent = SmoothDescent(iterations, hot=0.5 if first else 0.1, cold=0.02, rate=0.2)
             state = descent.begin(prices)
             for _ in range(iterations):
+                check()
                 state = descent.step(oracle, state)
             return lowered(state.prices)
         method = Subgradient(length=0.5)
         walk = method.begin(prices, 1.0)
         for _ in range(iterations):
+            check()
             walk, _ = method.step(oracle, walk)
         return walk.best

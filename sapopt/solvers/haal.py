@@ -240,6 +240,7 @@ class _Search:
             known = self.memory.solved.get((start, stop, fingerprint))
             if known is not None:
                 return known
+        self.outlook.check()
         self.memory.assignment_problems += 1
         try:
             found = best_assignment(self.outlook.interval(start, stop, state), self.order)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,10 @@ from sapopt.outlook import Outlook, WindowSums
 from sapopt.types import IntArray
 
 _MOST_BYTES = 512 * 2**20  # for states
+_SLICE = 64
+"""Intervals solved before the first look at the clock: as many as a lookahead of 6 may need."""
+_SLICE_SECONDS = 0.1
+"""While looks at the clock are closer together than this, twice as many intervals are solved until the next."""
 
 
 class CompiledTree:
@@ -68,25 +73,25 @@ class CompiledTree:
 
         The assignment is None if the kernel cannot tell, see `sapopt.kernels.tree.search`.
         """
-        from sapopt.kernels.tree import search
+        from sapopt.kernels.tree import FOUND, UNFINISHED, search
 
         k = outlook.k
         stop = min(k + self.lookahead, outlook.end)
         self._advance(k, stop)
         root = np.full(self.sums.n, -1) if outlook.state is None else outlook.state
-        found, first, solved = search(
-            self._nodes,
-            self._plain,
-            self._charged,
-            self._prices,
-            root,
-            k,
-            stop,
-            self.cost,
-            self.idle_is_free,
-            order,
-        )
-        return (first if found else None), solved
+        solved, budget = 0, _SLICE
+        while True:
+            began = time.perf_counter()
+            outcome, first, count = search(
+                self._nodes, self._plain, self._charged, self._prices, root, k, stop, self.cost, self.idle_is_free,
+                order, budget,
+            )  # fmt: skip
+            solved += count
+            if outcome != UNFINISHED:
+                return (first if outcome == FOUND else None), solved
+            outlook.check()
+            if time.perf_counter() - began < _SLICE_SECONDS:
+                budget *= 2
 
     def forget_nodes(self) -> None:
         """Drop all that was solved."""

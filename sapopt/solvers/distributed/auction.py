@@ -106,6 +106,7 @@ def run_auctions(
     agreed = np.ones(n, dtype=bool)
 
     def play(a: int, eps: float) -> tuple[np.ndarray, np.ndarray]:
+        scene.simulator.check()
         row = rows[a]
         owners[a] = -1
         mine[a], entries, bids, stuck = auction(

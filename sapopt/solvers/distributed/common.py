@@ -138,7 +138,7 @@ def open_step(outlook: Outlook, memory: Memory, allow_disconnected: bool, faults
         dead = faults.dead_at(outlook.k, n)
         may_split |= faults.splits
     rng = np.random.default_rng([memory.seed, outlook.k])
-    simulator = Simulator(network, faults, rng)
+    simulator = Simulator(network, faults, rng, outlook.check)
     component = network.components
     parts = int(component.max()) + 1
     if not may_split:

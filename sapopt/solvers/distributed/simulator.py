@@ -67,11 +67,18 @@ class Simulator:
     faults : Faults, optional
     rng : Generator, optional
         Decides which packets are lost or late; needed if `faults` disturbs packets.
+    check : callable
+        Called before every round; raises an exception when there is no time for it.
     """
 
     def __init__(
-        self, network: Network, faults: Faults | None = None, rng: np.random.Generator | None = None
+        self,
+        network: Network,
+        faults: Faults | None = None,
+        rng: np.random.Generator | None = None,
+        check: Callable[[], None] = lambda: None,
     ) -> None:
+        self.check = check
         self.network = network
         self.faults = faults or Faults()
         self.rng = rng
@@ -128,6 +135,7 @@ class Simulator:
         r = 0
         while r < max_rounds and (r < last + wait).any():
             r += 1
+            self.check()
             sent, changed = step(r)
             sizes.append(np.where(r <= (last + wait)[component], sent, 0))
             np.maximum.at(last, component[changed], r)

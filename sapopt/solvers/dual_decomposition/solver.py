@@ -102,9 +102,7 @@ class DualDecomposition:
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
         arrays = Arrays.of(problem)
-        start = (
-            rollout(problem, HAA(), Run(run.seed, run.time_limit)).plan if run.start is None else run.start
-        )
+        start = rollout(problem, HAA(), run.part()).plan if run.start is None else run.start
         search = _Search(self, problem, arrays, run, start)
         status = Status.FEASIBLE
         try:

@@ -147,6 +147,8 @@ class Exact:
         trace: list[dict[str, Any]] | None = None,
         prices: FloatArray | None = None,
     ) -> Outcome:
+        if best.plan is None and run.expired:
+            best = warm.last_resort(problem, run)
         slack = self.tolerance * max(1.0, abs(best.value))
         if best.plan is not None and bound - best.value <= slack:
             status = Status.OPTIMAL

@@ -54,14 +54,21 @@ def incumbent(problem: SAP, run: Run, seconds: float) -> Incumbent:
         if left <= 0 or run.expired:
             break
         try:
-            played = rollout(problem, policy, Run(run.seed, left, lambda _: run.stopped))
+            played = rollout(problem, policy, run.part(left))
         except InfeasibleError:
             continue  # a policy may run into a dead end that a plan avoids
-        if played.status is Status.INTERRUPTED:
-            # Ctrl-C was meant for the whole run
+        if played.status is Status.INTERRUPTED:  # an exception, meant for the whole run
             run.stopped = True
         best = best.better(problem, played.plan)
     return best
+
+
+def last_resort(problem: SAP, run: Run) -> Incumbent:
+    """A plan that takes no time, for a run that is over before it found one: an assignment kept to the end."""
+    try:
+        return Incumbent().better(problem, rollout(problem, Greedy(), run.part()).plan)
+    except InfeasibleError:
+        return Incumbent()
 
 
 def decomposition(problem: SAP, run: Run, seconds: float) -> IntArray | None:
@@ -69,7 +76,7 @@ def decomposition(problem: SAP, run: Run, seconds: float) -> IntArray | None:
     try:
         module = importlib.import_module("sapopt.solvers.dual_decomposition")
         solver: Any = module.DualDecomposition()
-        outcome = solver.plan(problem, Run(run.seed, seconds, lambda _: run.stopped))
+        outcome = solver.plan(problem, run.part(seconds))
     except (ImportError, AttributeError):
         return None
     except (ValueError, TypeError, NotImplementedError) as error:
