@@ -183,10 +183,15 @@ def test_second_interrupt_interrupts() -> None:
     """The first one asks, the second one is a KeyboardInterrupt; afterwards all is as before."""
     before = signal.getsignal(signal.SIGINT)
     run = Run()
-    with pytest.raises(KeyboardInterrupt), interruptible(run):
-        signal.raise_signal(signal.SIGINT)
-        assert run.stopped
-        signal.raise_signal(signal.SIGINT)
+
+    def press_twice() -> None:
+        with interruptible(run):
+            signal.raise_signal(signal.SIGINT)
+            assert run.stopped
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        press_twice()
     assert signal.getsignal(signal.SIGINT) is before
 
 

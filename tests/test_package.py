@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(sapopt.__file__).resolve().parent
 
 LAYERS = (
-    ("cli",),
+    ("cli", "sweeps"),
     ("verbs", "domains", "learning", "plotting", "display"),
     ("solvers",),
     ("formulations",),

@@ -1,9 +1,9 @@
 """The ``sapopt`` program."""
 
-from sapopt.cli import proving, solving, training  # they add their commands to the app
+from sapopt.cli import proving, solving, sweeping, training  # they add their commands to the app
 from sapopt.cli.app import app
 
-__all__ = ["app", "main", "proving", "solving", "training"]
+__all__ = ["app", "main", "proving", "solving", "sweeping", "training"]
 
 
 def main() -> None:

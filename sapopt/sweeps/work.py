@@ -1,0 +1,85 @@
+"""What a worker does with one job of a sweep."""
+
+from __future__ import annotations
+
+import json
+import platform
+import socket
+from functools import lru_cache
+from importlib.metadata import version
+from typing import Any
+
+from sapopt.problem import SAP
+
+_WARM_UP_STEPS = 3
+_WARM_UP_SECONDS = 2.0
+
+
+def solve_job(spec: dict[str, Any]) -> dict[str, Any]:
+    """Solve or bound one instance.
+
+    Parameters
+    ----------
+    spec : dict
+        ``instance`` (``name`` with options, or ``file``), ``seed``, ``solver`` (a name of the command line, or
+        ``bound``) and ``time_limit`` (seconds or None).
+
+    Returns
+    -------
+    dict
+        Value, bound, handovers, seconds and where it ran; plain JSON values, None where there is nothing.
+    """
+    from sapopt.cli.names import parse_solver
+    from sapopt.verbs import bound, solve
+
+    problem = _problem(json.dumps(spec["instance"], sort_keys=True), spec["seed"])
+    _warm_up(problem, spec["solver"])
+    record: dict[str, Any] = {
+        "agents": problem.n, "tasks": problem.m, "steps": problem.T, "fingerprint": problem.fingerprint,
+        "host": socket.gethostname(), "python": platform.python_version(), "sapopt": version("sapopt"),
+    }  # fmt: skip
+    if spec["solver"] == "bound":
+        proven = bound(problem, time_limit=spec["time_limit"], seed=spec["seed"])
+        return record | {"value": None, "bound": proven.value, "method": proven.method}
+    result = solve(
+        problem, parse_solver(spec["solver"]).solver, seed=spec["seed"], time_limit=spec["time_limit"]
+    )
+    return record | {
+        "value": result.value,
+        "bound": result.bound,
+        "handovers": result.handovers,
+        "status": result.status.value,
+        "runtime": result.runtime,
+    }
+
+
+@lru_cache(maxsize=1)
+def _problem(instance: str, seed: int) -> SAP:
+    """The problem; the last one is kept, since the jobs of one problem come one after the other."""
+    from sapopt.domains.instances import instance as build
+
+    options = json.loads(instance)
+    if "file" in options:
+        return SAP.load(options["file"])
+    return build(options.pop("name"), seed, **options)
+
+
+_warm: set[str] = set()
+
+
+def _warm_up(problem: SAP, solver: str) -> None:
+    """Compile what the job needs, once a process and solver, so that no time limit pays for it."""
+    from sapopt.cli.names import parse_solver
+    from sapopt.outlook import Policy
+    from sapopt.verbs import bound, solve
+
+    if solver in _warm:
+        return
+    steps = min(_WARM_UP_STEPS, problem.T)
+    small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
+    if solver == "bound":
+        bound(small, callback=lambda progress: True)
+    else:
+        chosen = parse_solver(solver).solver
+        solve(small, chosen, time_limit=None if isinstance(chosen, Policy) else _WARM_UP_SECONDS)
+    _warm.add(solver)
