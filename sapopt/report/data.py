@@ -1,0 +1,132 @@
+"""What the page is told: problem, results, prices and map as JSON, arrays as base64 of small integers."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from sapopt.domains.coastline import coastline_data
+from sapopt.problem import SAP
+from sapopt.result import Result
+from sapopt.types import FloatArray
+
+_FINE_CELLS = 400_000
+"""Up to so many agents x steps, benefits are told in 65535 levels, beyond in 255, to keep the page small."""
+_TRACE_POINTS = 400
+
+
+def payload(
+    problem: SAP, results: Mapping[str, Result], bound: float | None, prices: Any, scenario: Any, title: str
+) -> dict[str, Any]:
+    """Everything that the page shows, as plain values.
+
+    Parameters
+    ----------
+    problem : SAP
+    results : mapping of str to Result
+        Checked to belong to the problem.
+    bound : float or None
+        A proven upper bound.
+    prices : ndarray of shape (T, m), or None
+    scenario : object or None
+        With ``positions_km`` and ``tasks``, as a `Constellation`; anything else gets no map.
+    title : str
+    """
+    return {
+        "title": title,
+        "made": f"sapopt {version('sapopt')}, Python {platform.python_version()}, numpy {np.__version__}",
+        "T": problem.T,
+        "n": problem.n,
+        "m": problem.m,
+        "dynamics": repr(problem.dynamics),
+        "agents": None if problem.agents is None else list(problem.agents),
+        "tasks": None if problem.tasks is None else list(problem.tasks),
+        "initial": None if problem.initial_assignment is None else problem.initial_assignment.tolist(),
+        "bound": bound,
+        "prices": None if prices is None else _levels(np.maximum(prices, 0.0), np.uint16),
+        "results": [_told(problem, name, result, bound) for name, result in results.items()],
+        "map": _map(problem, scenario),
+    }
+
+
+def _told(problem: SAP, name: str, result: Result, bound: float | None) -> dict[str, Any]:
+    held = problem.benefits.at(result.plan)
+    kind = np.uint16 if held.size <= _FINE_CELLS else np.uint8
+    return {
+        "name": name,
+        "solver": result.solver,
+        "value": result.value,
+        "handovers": result.handovers,
+        "status": result.status.value,
+        "message": result.status.message,
+        "seconds": result.runtime,
+        "seed": result.seed,
+        "busy": float((held > 0).mean()),
+        "plan": _base64(result.plan.astype(np.uint16 if problem.m < 2**16 else np.uint32)),
+        "held": _levels(np.maximum(held, 0.0), kind),
+        "benefit": _rounded(result.evaluation.benefit),
+        "handover": _rounded(result.evaluation.handover),
+        "trace": _trace(result, bound),
+    }
+
+
+def _trace(result: Result, bound: float | None) -> list[list[float]]:
+    """Seconds, best bound and best value so far of a planner; thinned to what a chart can show."""
+    known = [r for r in result.trace if r.get("bound") is not None and r.get("value") is not None]
+    known = [r for r in known if np.isfinite(r["bound"]) and np.isfinite(r["value"]) and "seconds" in r]
+    if not known:
+        return []
+    bounds = np.minimum.accumulate([r["bound"] for r in known])
+    values = np.maximum.accumulate([r["value"] for r in known])
+    kept = np.unique(np.linspace(0, len(known) - 1, min(len(known), _TRACE_POINTS)).round().astype(int))
+    return [[round(known[k]["seconds"], 3), float(bounds[k]), float(values[k])] for k in kept]
+
+
+def _map(problem: SAP, scenario: Any) -> dict[str, Any] | None:
+    """Ground tracks and places of the tasks, if the scenario has them for this very problem."""
+    positions, tasks = getattr(scenario, "positions_km", None), getattr(scenario, "tasks", None)
+    if positions is None or not hasattr(tasks, "latitude_deg"):
+        return None
+    if positions.shape[1:] != (problem.n, 3) or positions.shape[0] < problem.T or tasks.m != problem.m:
+        raise ValueError(
+            f"scenario: it has {positions.shape[0]} steps, {positions.shape[1]} satellites and {tasks.m} tasks, the "
+            f"problem {problem.T}, {problem.n} and {problem.m}; pass the scenario that the problem was made from"
+        )
+    x, y, z = np.moveaxis(positions[: problem.T], 2, 0)
+    radius = np.sqrt(x * x + y * y + z * z)
+    ground = np.stack([np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z / radius))], axis=-1)
+    view = getattr(scenario, "field_of_view", None)
+    land = coastline_data()
+    return {
+        "tracks": _base64(np.round(ground * 180.0).astype(np.int16)),  # units of 1/180 degree: 20 s of arc
+        "places": _base64(
+            np.round(np.stack([tasks.longitude_deg, tasks.latitude_deg], axis=-1) * 180.0).astype(np.int16)
+        ),
+        "priority": _rounded(tasks.priority),
+        "footprint": None if view is None else float(np.degrees(view.footprint_rad(radius).mean())),
+        "step_s": getattr(scenario, "step_s", None),
+        "land": {"unit": land["unit_deg"], "rings": land["rings"], "source": land["source"]},
+    }
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(float(value), 5) for value in values]
+
+
+def _levels(values: FloatArray, kind: Any) -> dict[str, Any]:
+    """Values from 0 to `top` as integers of `kind`; a value above 0 never becomes 0."""
+    top = float(values.max(initial=0.0))
+    most = np.iinfo(kind).max
+    scaled = np.round(values * (most / top)) if top > 0 else np.zeros(values.shape)
+    scaled = np.maximum(scaled, values > 0)
+    return {"data": _base64(scaled.astype(kind)), "top": top, "bytes": int(np.dtype(kind).itemsize)}
+
+
+def _base64(array: np.ndarray) -> str:
+    little = array.astype(array.dtype.newbyteorder("<"), copy=False)
+    return base64.b64encode(np.ascontiguousarray(little).tobytes()).decode("ascii")

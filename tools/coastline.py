@@ -1,0 +1,102 @@
+"""Makes `sapopt/domains/data/coastline.json`, the land of the maps, from Natural Earth (public domain).
+
+    npm pack world-atlas && tar xzf world-atlas-*.tgz
+    python tools/coastline.py package/land-50m.json sapopt/domains/data/coastline.json
+
+The rings of Natural Earth's 1:50 million land (version 4.1, as the npm package world-atlas 2.0.2 redistributes it) are
+simplified (Douglas and Peucker) to 0.12 degrees, the smallest islands are left out, and what remains is rounded to
+0.05 degrees.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+TOLERANCE_DEG = 0.12
+LEAST_AREA_DEG2 = 0.12
+UNIT_DEG = 0.05
+
+
+def main() -> None:
+    source, target = map(Path, sys.argv[1:])
+    topology = json.loads(source.read_text(encoding="utf-8"))
+    arcs = decoded(topology)
+    rings = []
+    for geometry in topology["objects"]["land"]["geometries"]:
+        for polygon in geometry["arcs"]:
+            for numbers in polygon:
+                ring = joined(arcs, numbers)
+                if area(ring) >= LEAST_AREA_DEG2:
+                    rings.append(encoded(simplified(ring)))
+    rings = sorted((ring for ring in rings if len(ring) >= 8), key=len, reverse=True)
+    head = {
+        "source": "Natural Earth 1:50m land, version 4.1 (naturalearthdata.com), by way of world-atlas 2.0.2",
+        "licence": "public domain",
+        "made_by": "tools/coastline.py",
+        "unit_deg": UNIT_DEG,
+        "form": "each ring: longitude, latitude of its first point, then differences, in units; closed",
+    }
+    text = json.dumps(head)[:-1] + ', "rings": [\n' + ",\n".join(json.dumps(r, separators=(",", ":")) for r in rings)
+    target.write_text(text + "\n]}\n", encoding="utf-8")
+    print(f"{len(rings)} rings, {sum(map(len, rings)) // 2} points, {target.stat().st_size} bytes")
+
+
+def decoded(topology: dict) -> list[np.ndarray]:
+    """The arcs in degrees."""
+    scale, shift = topology["transform"]["scale"], topology["transform"]["translate"]
+    return [np.cumsum(np.array(arc), axis=0) * scale + shift for arc in topology["arcs"]]
+
+
+def joined(arcs: list[np.ndarray], numbers: list[int]) -> np.ndarray:
+    """One ring from its arcs; a negative number means an arc read backwards."""
+    parts = [arcs[k] if k >= 0 else arcs[~k][::-1] for k in numbers]
+    return np.concatenate([part if k == 0 else part[1:] for k, part in enumerate(parts)])
+
+
+def area(ring: np.ndarray) -> float:
+    """Area in square degrees."""
+    x, y = ring.T
+    return abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))) / 2
+
+
+def simplified(points: np.ndarray) -> np.ndarray:
+    """Douglas and Peucker, on the two halves of the ring."""
+    half = int(np.argmax(np.linalg.norm(points - points[0], axis=1)))
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, half, -1]] = True
+    stack = [(0, half), (half, len(points) - 1)]
+    while stack:
+        first, last = stack.pop()
+        if last - first < 2:
+            continue
+        begin, end = points[first], points[last]
+        chord = end - begin
+        length = float(np.hypot(*chord))
+        away = points[first + 1 : last] - begin
+        if length > 0:
+            distance = np.abs(chord[0] * away[:, 1] - chord[1] * away[:, 0]) / length
+        else:
+            distance = np.hypot(away[:, 0], away[:, 1])
+        worst = int(np.argmax(distance))
+        if distance[worst] > TOLERANCE_DEG:
+            middle = first + 1 + worst
+            keep[middle] = True
+            stack += [(first, middle), (middle, last)]
+    return points[keep]
+
+
+def encoded(ring: np.ndarray) -> list[int]:
+    """First point and differences, whole units, without repeated points."""
+    grid = np.round(ring / UNIT_DEG).astype(int)
+    steps = np.diff(grid, axis=0, prepend=np.zeros((1, 2), dtype=int))
+    moved = np.any(steps != 0, axis=1)
+    moved[0] = True
+    return steps[moved].ravel().tolist()
+
+
+if __name__ == "__main__":
+    main()
