@@ -122,9 +122,11 @@ class Result:
             f"status={self.status.value}, T={steps}, n={n}, {self.runtime:.3g} s)"
         )
 
-    def with_bound(self, bound: float) -> Result:
-        """The same result with a bound known from elsewhere; the tighter one stays."""
-        return replace(self, bound=bound if self.bound is None else min(bound, self.bound))
+    def with_bound(self, bound: float, prices: FloatArray | None = None) -> Result:
+        """The same result with a bound known from elsewhere, and the prices that prove it; the tighter one stays."""
+        if self.bound is not None and self.bound <= bound:
+            return self
+        return replace(self, bound=bound, prices=self.prices if prices is None else prices)
 
     def save(self, path: str | Path) -> None:
         """Write the result to an ``.npz`` file."""

@@ -56,7 +56,7 @@ def test_version() -> None:
 def test_help_needs_no_arguments() -> None:
     """Without a command the help is shown; every command has one."""
     assert "compare" in run().output
-    for command in ("compare", "solve", "bound", "certify", "verify", "instances"):
+    for command in ("compare", "solve", "bound", "certify", "verify", "report", "instances"):
         outcome = run(command, "--help")
         assert outcome.exit_code == 0
         assert "--json" in outcome.stdout
@@ -123,6 +123,42 @@ def test_compare_files(problem_file: Path, tmp_path: Path) -> None:
     assert (out / "compare.json").read_text(encoding="utf-8") == "mine"
     assert run(*args, "--force").exit_code == 0
     assert json.loads((out / "compare.json").read_text(encoding="utf-8"))["agents"] == 3
+
+
+def test_report(problem_file: Path, tmp_path: Path) -> None:
+    """The files of compare and of solve become a page, without naming the problem again; nothing is overwritten."""
+    many, one = tmp_path / "many", tmp_path / "one"
+    assert run("compare", problem_file, "--solvers", "greedy,haa", "--out", many).exit_code == 0
+    assert run("solve", problem_file, "--solver", "haa", "--out", one).exit_code == 0
+    page = tmp_path / "page.html"
+    outcome = run("report", many, "--out", page, "--json")
+    assert outcome.exit_code == 0, outcome.stderr
+    told = json.loads(outcome.stdout)
+    assert set(told["solvers"]) == {"greedy", "haa"}
+    assert told["bytes"] == page.stat().st_size
+    assert told["bound"] >= told["solvers"]["haa"]["value"]
+    assert "<title>small - sapopt report</title>" in page.read_text(encoding="utf-8")
+    assert "--force" in error_line("report", many, "--out", page)
+    assert run("report", one / "solve.npz", "--out", page, "--force").exit_code == 0
+    assert '"name":"HAA"' in page.read_text(encoding="utf-8")
+
+
+def test_report_bad_arguments(problem_file: Path, tmp_path: Path) -> None:
+    """What is no result, belongs to another problem, or does not say what it is about gets one line."""
+    page = ("--out", tmp_path / "page.html")
+    assert "neither compare.json nor solve.json" in error_line("report", tmp_path, *page)
+    assert "there is no file or folder" in error_line("report", tmp_path / "none.npz", *page)
+    out = tmp_path / "one"
+    assert run("solve", problem_file, "--solver", "haa", "--no-bound", "--out", out).exit_code == 0
+    outcome = run("report", out, "constellation-toy", *page)  # building it is told before
+    assert outcome.exit_code == 2
+    assert "another problem than constellation-toy" in outcome.stderr.strip().splitlines()[-1]
+    (out / "solve.json").unlink()
+    assert "name it: sapopt report RESULT INSTANCE" in error_line("report", out / "solve.npz", *page)
+    (out / "solve.json").write_text("{", encoding="utf-8")
+    assert "damaged" in error_line("report", out, *page)
+    (out / "solve.json").unlink()
+    assert run("report", out / "solve.npz", problem_file, *page).exit_code == 0
 
 
 def test_solve(problem_file: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ PACKAGE = Path(sapopt.__file__).resolve().parent
 
 LAYERS = (
     ("cli", "sweeps"),
-    ("verbs", "domains", "learning", "plotting", "display"),
+    ("verbs", "domains", "learning", "plotting", "report", "display"),
     ("solvers",),
     ("formulations",),
     ("certificate", "guarantees", "verification", "outlook", "assignment"),

@@ -40,7 +40,11 @@ def main() -> None:
         "unit_deg": UNIT_DEG,
         "form": "each ring: longitude, latitude of its first point, then differences, in units; closed",
     }
-    text = json.dumps(head)[:-1] + ', "rings": [\n' + ",\n".join(json.dumps(r, separators=(",", ":")) for r in rings)
+    text = (
+        json.dumps(head)[:-1]
+        + ', "rings": [\n'
+        + ",\n".join(json.dumps(r, separators=(",", ":")) for r in rings)
+    )
     target.write_text(text + "\n]}\n", encoding="utf-8")
     print(f"{len(rings)} rings, {sum(map(len, rings)) // 2} points, {target.stat().st_size} bytes")
 

@@ -53,7 +53,7 @@ def compare(
     work.check_instance(instance)
     check_time(time_limit)
     links.check_range(range_km, chosen)
-    output = Output(out, ["compare.json", "compare.npz", "compare.png", "history.png"], force)
+    output = Output(out, ["compare.json", "compare.npz", "prices.npz", "compare.png", "history.png"], force)
     with Reporter() as reporter:
         name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
         check_agent(agent, problem.n)
@@ -62,6 +62,8 @@ def compare(
         records = {key: show.result_record(result, run.bound) for key, result in run.results.items()}
         report = {
             **show.problem_record(name, problem),
+            "source": instance,
+            "cost": cost,
             "bound": run.bound,
             "seed": seed,
             "time_limit": time_limit,
@@ -71,9 +73,16 @@ def compare(
         }
         if out is not None:
             with reporter.phase(f"writing {out}"):
-                output.json("compare.json", report)
+                traced = {
+                    key: records[key] | {"trace": result.trace if result.bound is not None else []}
+                    for key, result in run.results.items()
+                }
+                output.json("compare.json", report | {"solvers": traced})
                 plans: dict[str, Any] = {key: result.plan for key, result in run.results.items()}
                 output.npz("compare.npz", lambda path: np.savez_compressed(path, **plans))
+                if run.prices is not None:
+                    prices = run.prices
+                    output.npz("prices.npz", lambda path: np.savez_compressed(path, prices=prices))
                 show.compare_figures(output, problem, run.results, run.bound, agent)
     if as_json:
         show.print_json(report)
@@ -120,9 +129,16 @@ def solve(
         work.warm_up(problem, [named], reporter)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
         if with_bound and result.bound is None and result.status is not Status.INTERRUPTED:
-            result = result.with_bound(work.prove_bound(problem, seed, time_limit, reporter).value)
+            proven = work.prove_bound(problem, seed, time_limit, reporter)
+            result = result.with_bound(proven.value, proven.prices)
         record = show.result_record(result, None)
-        report = {**show.problem_record(name, problem), **record, "environment": show.environment()}
+        report = {
+            **show.problem_record(name, problem),
+            "source": instance,
+            "cost": cost,
+            **record,
+            "environment": show.environment(),
+        }
         if out is not None:
             with reporter.phase(f"writing {out}"):
                 output.json("solve.json", report | {"trace": result.trace})

@@ -22,6 +22,7 @@ from sapopt.domains.instances import Scenario, find_instance, instances, scenari
 from sapopt.outlook import Policy
 from sapopt.problem import SAP
 from sapopt.result import Result, Status
+from sapopt.types import FloatArray
 
 _WARM_UP_STEPS = 3
 _WARM_UP_SECONDS = 2.0
@@ -156,10 +157,11 @@ def _shown(phase: Phase, asked: threading.Event) -> Callback:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The results by solver name, the best bound known, and whether the user ended the run early."""
+    """The results by solver name, the best bound known with its prices, and whether the user ended the run early."""
 
     results: dict[str, Result]
     bound: float | None
+    prices: FloatArray | None
     interrupted: bool
 
 
@@ -169,7 +171,7 @@ def compare(
     """Run the solvers one after the other. Ctrl-C ends the run; what is there until then is kept."""
     results: dict[str, Result] = {}
     interrupted = False
-    proven: float | None = None
+    proven: list[tuple[float, FloatArray | None]] = []
     try:
         warm_up(problem, solvers, reporter)
         for named in solvers:
@@ -177,10 +179,12 @@ def compare(
             if results[named.name].status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
         if all(result.bound is None for result in results.values()):
-            proven = prove_bound(problem, seed, time_limit, reporter).value
+            found = prove_bound(problem, seed, time_limit, reporter)
+            proven.append((found.value, found.prices))
     except KeyboardInterrupt:
         if not results:
             raise
         interrupted = True
-    bounds = [result.bound for result in results.values()] + [proven]
-    return Comparison(results, min((b for b in bounds if b is not None), default=None), interrupted)
+    proven += [(result.bound, result.prices) for result in results.values() if result.bound is not None]
+    bound, prices = min(proven, key=lambda pair: pair[0], default=(None, None))
+    return Comparison(results, bound, prices, interrupted)

@@ -89,7 +89,9 @@ def _trace(result: Result, bound: float | None) -> list[list[float]]:
 
 def _map(problem: SAP, scenario: Any) -> dict[str, Any] | None:
     """Ground tracks and places of the tasks, if the scenario has them for this very problem."""
-    positions, tasks = getattr(scenario, "positions_km", None), getattr(scenario, "tasks", None)
+    scenario = getattr(scenario, "constellation", scenario)  # a domain may wrap one
+    positions: Any = getattr(scenario, "positions_km", None)
+    tasks: Any = getattr(scenario, "tasks", None)
     if positions is None or not hasattr(tasks, "latitude_deg"):
         return None
     if positions.shape[1:] != (problem.n, 3) or positions.shape[0] < problem.T or tasks.m != problem.m:

@@ -94,9 +94,7 @@ def report(
                 f"prices must be finite, of shape (T, m) = {(problem.T, problem.m)}, got {prices.shape}"
             )
     headline = title or f"{problem.n} agents, {problem.m} tasks, {problem.T} steps"
-    data = payload(
-        problem, {str(k): r for k, r in named.items()}, tightest, prices, scenario, headline
-    )
+    data = payload(problem, {str(k): r for k, r in named.items()}, tightest, prices, scenario, headline)
     part = path.with_name(path.name + ".part")
     try:
         part.write_text(_page(data), encoding="utf-8")
@@ -109,7 +107,9 @@ def report(
 def _check(problem: SAP, name: str, result: Result) -> None:
     """Refuse a result of another problem: its plan must fit, and be worth here what it says."""
     if not isinstance(result, Result):
-        raise ValueError(f"results: {name!r} is a {type(result).__name__}, not a Result; pass what solve() returned")
+        raise ValueError(
+            f"results: {name!r} is a {type(result).__name__}, not a Result; pass what solve() returned"
+        )
     try:
         value = problem.evaluate(result.plan).value
     except ValueError as error:

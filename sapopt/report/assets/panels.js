@@ -102,7 +102,7 @@ function heatCell(x, y) {
 function heatBase() {
   const { T, m } = D, canvas = byId("heat"), width = canvas.parentElement.clientWidth;
   heat.shown = byId("rows").value === "all" ? heat.order : heat.order.slice(0, TOP_ROWS);
-  const rows = heat.shown.length, named = rows <= TOP_ROWS, height = named ? Math.max(rows * 9, 60) : 420;
+  const rows = heat.shown.length, named = rows <= TOP_ROWS, height = named ? rows * Math.max(9, Math.min(24, 260 / rows)) : 420;
   const image = heat.image, rgb = theme.heatRgb, c = image.getContext("2d");
   image.width = T; image.height = rows;
   const pixels = c.createImageData(T, rows);

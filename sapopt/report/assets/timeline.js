@@ -81,17 +81,16 @@ function lanesBase() {
     const stroke = Math.max(1.5, Math.min(3, w * 0.22));
     for (let k = 0; k < T; k++) if (r.changed[k * n + i]) c.fillRect(lanes.left + k * w - stroke / 2, y, stroke, row - gap);
     if (row >= 20) {
-      c.fillStyle = theme.name === "dark" ? "#f3f7fb" : "#0d1722"; c.textAlign = "left";
+      c.textAlign = "left";
       for (let k = 0; k < T;) {
         let end = k + 1;
         while (end < T && !r.changed[end * n + i]) end++;
         const text = D.tasks ? D.tasks[r.plan[k * n + i]] : String(r.plan[k * n + i]);
-        const light = byTask || !r.held.data[k * n + i] || r.held.data[k * n + i] * scale < 110;
         if (c.measureText(text).width + 10 < (end - k) * w) {
-          c.globalAlpha = r.held.data[k * n + i] ? 0.95 : 0.5;
-          c.fillStyle = theme.name === "dark" ? (light ? "#f3f7fb" : "#0d1722") : (light ? "#0d1722" : "#ffffff");
+          // A dark outline keeps white letters readable on every colour.
+          c.strokeStyle = "rgba(6, 30, 54, .72)"; c.lineWidth = 3; c.lineJoin = "round"; c.fillStyle = "#ffffff";
+          c.strokeText(text, lanes.left + k * w + 6, y + (row - gap) / 2);
           c.fillText(text, lanes.left + k * w + 6, y + (row - gap) / 2);
-          c.globalAlpha = 1;
         }
         k = end;
       }

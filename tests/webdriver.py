@@ -15,8 +15,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
-KEYS = {"left": "\ue012", "up": "\ue013", "right": "\ue014", "down": "\ue015", "tab": "\ue004", "escape": "\ue00c"}
+KEYS = {
+    "left": "\ue012",
+    "up": "\ue013",
+    "right": "\ue014",
+    "down": "\ue015",
+    "tab": "\ue004",
+    "escape": "\ue00c",
+}
 
 
 def missing() -> str:
@@ -24,7 +32,7 @@ def missing() -> str:
     lacking = []
     if shutil.which("chromedriver") is None:
         lacking.append("chromedriver")
-    if not any(shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")):
+    if not any(map(shutil.which, _BROWSERS)):
         lacking.append("chromium")
     return " and ".join(lacking)
 
@@ -58,7 +66,8 @@ class Browser:
         flags = ["--headless=new", "--hide-scrollbars", "--disable-gpu"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             flags.append("--no-sandbox")  # Chromium refuses its sandbox to root
-        options = {"args": flags, "binary": next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))}
+        binary = next(path for name in _BROWSERS if (path := shutil.which(name)))
+        options = {"args": flags, "binary": binary}
         capabilities = {
             "alwaysMatch": {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
         }
@@ -114,7 +123,8 @@ class Browser:
 
     def click(self, selector: str) -> None:
         """Click an element in its middle, as a hand would: it must be visible and not covered."""
-        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center', behavior: 'instant'})", selector)
+        centre = "{block: 'center', behavior: 'instant'}"
+        self.run(f"document.querySelector(arguments[0]).scrollIntoView({centre})", selector)
         self._ask("POST", f"{self._element(selector)}/click", {})
 
     def type(self, selector: str, text: str) -> None:
@@ -132,19 +142,17 @@ class Browser:
         path.write_bytes(base64.b64decode(shot["data"]))
 
     def _element(self, selector: str) -> str:
-        found = self._ask(
-            "POST", self._session + "/element", {"using": "css selector", "value": selector}
-        )
+        found = self._ask("POST", self._session + "/element", {"using": "css selector", "value": selector})
         return f"{self._session}/element/{found[_ELEMENT]}"
 
     def _devtools(self, command: str, parameters: dict[str, Any]) -> Any:
-        return self._ask(
-            "POST", self._session + "/goog/cdp/execute", {"cmd": command, "params": parameters}
-        )
+        return self._ask("POST", self._session + "/goog/cdp/execute", {"cmd": command, "params": parameters})
 
     def _ask(self, method: str, path: str, body: Any = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self._server + path, data, {"Content-Type": "application/json"}, method=method)
+        request = urllib.request.Request(
+            self._server + path, data, {"Content-Type": "application/json"}, method=method
+        )
         try:
             with urllib.request.urlopen(request, timeout=60) as answer:
                 return json.loads(answer.read())["value"]

@@ -1,0 +1,41 @@
+"""Results that the pages of these tests show."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sapopt import SAP, Result, SwitchingCost, solve
+from sapopt.domains.instances import scenario
+from sapopt.solvers import HAA, HAAL, DualDecomposition
+
+EVIL = "</script><img src=x onerror=alert(1)> & <b>"
+
+
+@pytest.fixture(scope="session")
+def problem() -> SAP:
+    """A problem of one's own, without a map; its labels try to break out of the page."""
+    rng = np.random.default_rng(5)
+    benefits = rng.random((12, 4, 6)) * (rng.random((12, 4, 6)) < 0.6)
+    return SAP(
+        benefits,
+        SwitchingCost(0.3),
+        range(4),
+        agents=["Ada", EVIL, "Grace", "Mary"],
+        tasks=[f"ward {j}" for j in range(5)] + [EVIL],
+    )
+
+
+@pytest.fixture(scope="session")
+def results(problem: SAP) -> dict[str, Result]:
+    """Three results, the last with a bound, prices and a trace."""
+    solvers: dict[str, Any] = {"haa": HAA(), "haal:3": HAAL(3), "dual": DualDecomposition(rounds=2)}
+    return {name: solve(problem, solver, time_limit=10) for name, solver in solvers.items()}
+
+
+@pytest.fixture(scope="session")
+def constellation() -> Any:
+    """A small constellation."""
+    return scenario("constellation-toy", steps=8)

@@ -1,0 +1,150 @@
+"""The page as a file: what it holds is what the results say, and nothing in it reaches for the network."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sapopt import SAP, Result, SwitchingCost, solve
+from sapopt.domains.coastline import coastline_deg
+from sapopt.report import report
+from sapopt.solvers import HAA
+
+EVIL = "</script><img src=x onerror=alert(1)> & <b>"
+
+
+def told(page: Path) -> dict[str, Any]:
+    """The data inside a page."""
+    found = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', page.read_text("utf-8"), re.S
+    )
+    assert found is not None
+    data: dict[str, Any] = json.loads(found.group(1))
+    return data
+
+
+def array(text: str, kind: str) -> np.ndarray:
+    """An array as the page decodes it."""
+    return np.frombuffer(base64.b64decode(text), dtype=kind)
+
+
+def test_plans_and_benefits(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """Plans arrive exactly, benefits within the rounding, and idle agents stay idle."""
+    data = told(report(problem, results, tmp_path / "r.html"))
+    assert [r["name"] for r in data["results"]] == list(results)
+    for one, result in zip(data["results"], results.values(), strict=True):
+        np.testing.assert_array_equal(array(one["plan"], "<u2").reshape(12, 4), result.plan)
+        held = problem.benefits.at(result.plan)
+        levels = array(one["held"]["data"], "<u2").reshape(12, 4)
+        np.testing.assert_allclose(levels * one["held"]["top"] / 65535, held, atol=one["held"]["top"] / 65535)
+        np.testing.assert_array_equal(levels > 0, held > 0)
+        assert one["value"] == result.value
+        np.testing.assert_allclose(np.sum(one["benefit"]) + np.sum(one["handover"]), result.value, atol=1e-3)
+    assert data["initial"] == [0, 1, 2, 3]
+    assert data["map"] is None
+
+
+def test_bound_and_prices(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """The tightest bound known is shown, with the prices of the result that proved it."""
+    dual = results["dual"]
+    assert dual.bound is not None
+    data = told(report(problem, results, tmp_path / "a.html"))
+    assert data["bound"] == dual.bound
+    scale = data["prices"]["top"] / 65535
+    np.testing.assert_allclose(
+        array(data["prices"]["data"], "<u2").reshape(12, 6) * scale, dual.prices, atol=1.01 * scale
+    )
+    assert told(report(problem, results, tmp_path / "b.html", bound=1e9))["bound"] == dual.bound
+    assert told(report(problem, results["haa"], tmp_path / "c.html", bound=99.0))["bound"] == 99.0
+    assert told(report(problem, results["haa"], tmp_path / "d.html"))["bound"] is None
+
+
+def test_map(tmp_path: Path, constellation: Any) -> None:
+    """Ground tracks are the satellites' positions, places those of the tasks."""
+    problem = constellation.problem()
+    data = told(report(problem, solve(problem, HAA()), tmp_path / "r.html", scenario=constellation))
+    tracks = array(data["map"]["tracks"], "<i2").reshape(8, 24, 2) / 180
+    x, y, z = np.moveaxis(constellation.positions_km, 2, 0)
+    np.testing.assert_allclose(tracks[..., 1], np.degrees(np.arctan2(z, np.hypot(x, y))), atol=0.01)
+    np.testing.assert_allclose(tracks[..., 0], np.degrees(np.arctan2(y, x)), atol=0.01)
+    places = array(data["map"]["places"], "<i2").reshape(30, 2) / 180
+    np.testing.assert_allclose(places[:, 0], constellation.tasks.longitude_deg, atol=0.01)
+    assert data["map"]["land"]["source"].startswith("Natural Earth")
+
+
+def test_a_scenario_of_another_problem(
+    tmp_path: Path, problem: SAP, results: dict[str, Result], constellation: Any
+) -> None:
+    """A map of other satellites would lie."""
+    with pytest.raises(ValueError, match="scenario: it has 8 steps, 24 satellites and 30 tasks"):
+        report(problem, results, tmp_path / "r.html", scenario=constellation)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_labels_are_escaped(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """No label and no title becomes markup."""
+    page = report(problem, {EVIL: results["haa"]}, tmp_path / "r.html", title=EVIL)
+    text = page.read_text("utf-8")
+    assert EVIL not in text
+    assert "<img" not in text
+    assert told(page)["agents"][1] == EVIL
+    assert "<title>&lt;/script&gt;&lt;img" in text
+
+
+def test_nothing_from_the_network(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """No address, import or font is asked for; the page even forbids it to itself."""
+    text = report(problem, results, tmp_path / "r.html").read_text("utf-8")
+    assert not re.search(r"(?i)https?://|@import|url\(|\bfetch\(|XMLHttpRequest|<link", text)
+    assert "default-src 'none'" in text
+
+
+def test_nothing_is_overwritten(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """A file that exists stays unless force is given, and a failed page leaves nothing behind."""
+    path = tmp_path / "r.html"
+    path.write_text("mine", "utf-8")
+    with pytest.raises(ValueError, match="exists already; pass force=True"):
+        report(problem, results, path)
+    assert path.read_text("utf-8") == "mine"
+    assert report(problem, results, path, force=True) == path
+    assert [file.name for file in tmp_path.iterdir()] == ["r.html"]
+
+
+def test_results_of_another_problem(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """A result is shown with its own problem only."""
+    other = SAP(problem.benefits, SwitchingCost(0.4), range(4))
+    with pytest.raises(ValueError, match=r"the plan of 'haa' is worth .* in this problem"):
+        report(other, results, tmp_path / "r.html")
+    with pytest.raises(ValueError, match="'haa' is not a result of this problem"):
+        report(SAP(np.ones((2, 4, 6)), 0.1), results, tmp_path / "r.html")
+    with pytest.raises(ValueError, match="results is empty"):
+        report(problem, {}, tmp_path / "r.html")
+    with pytest.raises(ValueError, match="not a Result"):
+        report(problem, {"plan": results["haa"].plan}, tmp_path / "r.html")  # type: ignore[dict-item]
+    with pytest.raises(ValueError, match=r"prices must be finite, of shape \(T, m\) = \(12, 6\)"):
+        report(problem, results, tmp_path / "r.html", prices=np.ones((6, 12)))
+
+
+def test_coastline() -> None:
+    """The land is that of the Earth: closed rings within its degrees, with Greenland in it and no mid-ocean."""
+    from matplotlib.path import Path as Outline
+
+    rings = coastline_deg()
+    for ring in rings:
+        np.testing.assert_array_equal(ring[0], ring[-1])
+        assert (np.abs(ring) <= [180.0, 90.0]).all()
+
+    def is_land(longitude: float, latitude: float) -> bool:
+        return sum(Outline(ring).contains_point((longitude, latitude)) for ring in rings) % 2 == 1
+
+    assert is_land(-42.0, 72.0)  # Greenland
+    assert is_land(134.0, -25.0)  # Australia
+    assert is_land(20.0, 5.0)  # Africa
+    assert not is_land(-30.0, 40.0)  # Atlantic
+    assert not is_land(-140.0, 0.0)  # Pacific
+    assert not is_land(51.0, 42.0)  # the Caspian Sea
