@@ -140,6 +140,7 @@ def bound(
     callback: Callback | None = None,
     prices: FloatArray | None = None,
     seed: int = 0,
+    device: str = "cpu",
 ) -> Bound:
     """A proven upper bound of the optimal value of this very problem.
 
@@ -158,6 +159,9 @@ def bound(
     prices : ndarray, shape (T, m), optional
         Prices to start from, for example those of an earlier bound.
     seed : int
+    device : str
+        Where the agents' paths are computed: "cpu" (compiled kernels), or a torch device such as "cuda", see
+        `sapopt.formulations.dual.torch_paths`.
 
     Returns
     -------
@@ -166,7 +170,10 @@ def bound(
     Raises
     ------
     ValueError
-        If nothing can be proven about the dynamics; the message says what it has to declare.
+        If nothing can be proven about the dynamics (the message says what it has to declare), or the device is not
+        available or does not take the dynamics.
+    ImportError
+        If the device needs torch and it is not installed.
     """
     _check_common(problem, time_limit, seed)
     with _display(progress, "bound", callback) as report:
@@ -174,13 +181,14 @@ def bound(
         with interruptible(run):
             if not hasattr(problem.model, "path_oracle"):
                 return stepwise_bound(problem, run)
-            return _dual_bound(problem, run, prices)
+            return _dual_bound(problem, run, prices, device)
 
 
-def _dual_bound(problem: SAP, run: Run, prices: FloatArray | None) -> Bound:
+def _dual_bound(problem: SAP, run: Run, prices: FloatArray | None, device: str) -> Bound:
     from sapopt.formulations.dual import ascend
+    from sapopt.formulations.dual.torch_paths import path_oracle
 
-    oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    oracle = path_oracle(problem.model, problem.benefits, problem.initial_state(), device)
 
     def tell(iteration: int, value: float, _: FloatArray) -> bool:
         done, total = (iteration, 0) if run.time_limit is None else (run.seconds, run.time_limit)

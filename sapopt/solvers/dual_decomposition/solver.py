@@ -12,6 +12,7 @@ from sapopt.control import Run
 from sapopt.dynamics.local import PathOracle, SoftPathOracle
 from sapopt.formulations.dual import DualResult, ascend, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent
+from sapopt.formulations.dual.torch_paths import KERNELS, path_oracle, torch_device
 from sapopt.outlook import rollout
 from sapopt.problem import SAP
 from sapopt.result import Status
@@ -73,6 +74,9 @@ class DualDecomposition:
         The run ends when the proven gap is at most this.
     threads : int
         Windows solved at the same time.
+    device : str
+        Where the dual's paths are computed: "cpu" (compiled kernels), or a torch device such as "cuda". The search for
+        plans stays on the processor.
 
     Notes
     -----
@@ -85,8 +89,11 @@ class DualDecomposition:
     repricing: int = 30
     tolerance: float = 1e-5
     threads: int = 2
+    device: str = KERNELS
 
     def __post_init__(self) -> None:
+        if self.device != KERNELS:
+            torch_device(self.device)
         for name in ("iterations", "threads"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")
@@ -218,10 +225,8 @@ class _Search:
 
     def oracle(self, k: int, held: Ints | None) -> PathOracle:
         """Return the paths of the steps from ``k`` on, after ``held``."""
-        found: PathOracle = self.problem.model.path_oracle(
-            self.problem.benefits.slice(k, self.problem.T), held
-        )
-        return found
+        benefits = self.problem.benefits.slice(k, self.problem.T)
+        return path_oracle(self.problem.model, benefits, held, self.options.device)
 
     def reprice(self, k: int, held: Ints, prices: Floats) -> Floats:
         """Return prices for what is left of the problem at step ``k``."""
