@@ -203,3 +203,36 @@ def action_index(tasks, assignment):
                 out[i] = s
                 break
     return out
+
+
+@njit(cache=True, nogil=True)
+def place_idle(chosen, listed, m):
+    """Give the agents with -1 in `chosen` free tasks that they do not list, see `sapopt.learning.choices`."""
+    n, M = listed.shape
+    out = chosen.copy()
+    taken = np.zeros(m, np.bool_)
+    for i in range(n):
+        if chosen[i] >= 0:
+            taken[chosen[i]] = True
+    first = 0
+    for i in range(n):
+        if chosen[i] >= 0:
+            continue
+        while taken[first]:
+            first += 1
+        spot = first
+        while spot < m:
+            if not taken[spot]:
+                seen = False
+                for s in range(M):
+                    if listed[i, s] == spot:
+                        seen = True
+                        break
+                if not seen:
+                    break
+            spot += 1
+        if spot == m:
+            spot = first
+        out[i] = spot
+        taken[spot] = True
+    return out
