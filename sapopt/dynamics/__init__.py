@@ -1,8 +1,23 @@
 """State models: how assignments move the state, and what a change of task costs."""
 
+from sapopt.dynamics.agent_local import AgentLocal, LocalStates
 from sapopt.dynamics.base import Dynamics
 from sapopt.dynamics.battery import Battery, BatteryState
 from sapopt.dynamics.dictator import Dictator
+from sapopt.dynamics.ride_hailing import RideHailing
+from sapopt.dynamics.slewing import SlewCost
 from sapopt.dynamics.switching import SwitchingCost
+from sapopt.dynamics.unit_commitment import UnitCommitment
 
-__all__ = ["Battery", "BatteryState", "Dictator", "Dynamics", "SwitchingCost"]
+__all__ = [
+    "AgentLocal",
+    "Battery",
+    "BatteryState",
+    "Dictator",
+    "Dynamics",
+    "LocalStates",
+    "RideHailing",
+    "SlewCost",
+    "SwitchingCost",
+    "UnitCommitment",
+]

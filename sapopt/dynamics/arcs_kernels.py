@@ -1,0 +1,156 @@
+"""Compiled recursions over the arcs of agent-local states, see `sapopt.dynamics.arcs` for the arrays.
+
+Rows are agents, or the one row that agents who are alike share. All recursions go backwards from the end, so that one
+pass serves every state an agent may start in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, inline="always")
+def _is_listed(listed, begin, end, j):
+    for e in range(begin, end):
+        if listed[e] == j:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def idle_tasks(prices, rows, own, listed_ptr, listed):
+    """Return the cheapest unlisted task (T, rows) and its price; a row's own task is preferred among equals."""
+    T, m = prices.shape
+    task = np.empty((T, rows), dtype=np.int64)
+    price = np.empty((T, rows))
+    for k in range(T):
+        low = 0
+        for j in range(1, m):
+            if prices[k, j] < prices[k, low]:
+                low = j
+        for r in range(rows):
+            begin, end = listed_ptr[k * rows + r], listed_ptr[k * rows + r + 1]
+            j = own[r]
+            if j < 0 or prices[k, j] > prices[k, low] or _is_listed(listed, begin, end, j):
+                j = low
+                if _is_listed(listed, begin, end, j):
+                    j = -1
+                    for q in range(m):
+                        if (j < 0 or prices[k, q] < prices[k, j]) and not _is_listed(listed, begin, end, q):
+                            j = q
+            task[k, r] = max(j, 0)
+            price[k, r] = prices[k, j] if j >= 0 else np.inf
+    return task, price
+
+
+@njit(cache=True, nogil=True)
+def longest(arcs, node_ptr, rows, first_row, last_row, prices, idle_price):
+    """Return the value of the best way from every node (of some rows) to the end, and the arc it begins with."""
+    first, head, task, gain = arcs
+    T = prices.shape[0]
+    value = np.empty(node_ptr[-1])
+    choice = np.empty(node_ptr[-1], dtype=np.int64)
+    for r in range(first_row, last_row):
+        for v in range(node_ptr[T * rows + r], node_ptr[T * rows + r + 1]):
+            value[v] = 0.0
+    for k in range(T - 1, -1, -1):
+        for r in range(first_row, last_row):
+            idle = idle_price[k, r]
+            for v in range(node_ptr[k * rows + r], node_ptr[k * rows + r + 1]):
+                best = -np.inf
+                arc = -1
+                for a in range(first[v], first[v + 1]):
+                    j = task[a]
+                    x = gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j])
+                    if x > best:
+                        best = x
+                        arc = a
+                value[v] = best
+                choice[v] = arc
+    return value, choice
+
+
+@njit(cache=True, nogil=True)
+def follow(arcs, source, choice, steps):
+    """Return the tasks (steps, agents) on the best ways, -1 for idling and -2 where there is no way."""
+    _, head, task, _ = arcs
+    plan = np.full((steps, len(source)), -2, dtype=np.int64)
+    for i in range(len(source)):
+        v = source[i]
+        for k in range(steps):
+            a = choice[v]
+            if a < 0:
+                break
+            plan[k, i] = task[a]
+            v = head[a]
+    return plan
+
+
+@njit(cache=True, nogil=True)
+def soft(arcs, node_ptr, rows, source, prices, idle_price, temperature):
+    """Return soft values of the sources, expected usage (T, m) of the listed tasks, and idling (T, rows)."""
+    first, head, task, gain = arcs
+    T, m = prices.shape
+    value = np.zeros(node_ptr[-1])
+    for k in range(T - 1, -1, -1):
+        for r in range(rows):
+            idle = idle_price[k, r]
+            for v in range(node_ptr[k * rows + r], node_ptr[k * rows + r + 1]):
+                best = -np.inf
+                for a in range(first[v], first[v + 1]):
+                    j = task[a]
+                    best = max(best, gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j]))
+                if best == -np.inf:
+                    value[v] = -np.inf
+                    continue
+                total = 0.0
+                for a in range(first[v], first[v + 1]):
+                    j = task[a]
+                    x = gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j])
+                    total += np.exp((x - best) / temperature)
+                value[v] = best + temperature * np.log(total)
+    usage = np.zeros((T, m))
+    idling = np.zeros((T, rows))
+    mass = np.zeros(node_ptr[-1])
+    for i in range(len(source)):
+        mass[source[i]] += 1.0
+    for k in range(T):
+        for r in range(rows):
+            idle = idle_price[k, r]
+            for v in range(node_ptr[k * rows + r], node_ptr[k * rows + r + 1]):
+                if mass[v] < 1e-12 or value[v] == -np.inf:
+                    continue
+                for a in range(first[v], first[v + 1]):
+                    j = task[a]
+                    x = gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j])
+                    share = mass[v] * np.exp((x - value[v]) / temperature)
+                    mass[head[a]] += share
+                    if j < 0:
+                        idling[k, r] += share
+                    else:
+                        usage[k, j] += share
+    values = np.empty(len(source))
+    for i in range(len(source)):
+        values[i] = value[source[i]]
+    return values, usage, idling
+
+
+@njit(cache=True, nogil=True)
+def values_of_first(arcs, source, value, rows, listed_ptr, listed, m):
+    """Return the value (agents, m) of the best way that begins with every task; its price does not count."""
+    first, head, task, gain = arcs
+    n = len(source)
+    out = np.full((n, m), -np.inf)
+    for i in range(n):
+        r = i if rows > 1 else 0
+        v = source[i]
+        for a in range(first[v], first[v + 1]):
+            if task[a] < 0:
+                out[i, :] = gain[a] + value[head[a]]
+                for e in range(listed_ptr[r], listed_ptr[r + 1]):
+                    out[i, listed[e]] = -np.inf
+        for a in range(first[v], first[v + 1]):
+            if task[a] >= 0:
+                out[i, task[a]] = gain[a] + value[head[a]]
+    return out
