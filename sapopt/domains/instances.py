@@ -275,3 +275,48 @@ def _power_4225(
     from sapopt.domains.power import power_constellation
 
     return power_constellation(STARLINK_SHELLS_4225, tasks, steps, seed, earth=earth, pay_for=pay_for)
+
+
+@register(
+    "attitude",
+    "constellation-mid where a move costs by its slew angle (0.5 per radian), 324 idle tasks; Holder 2024, 7.1.1",
+    (93, 324, 774),
+)
+def _attitude(
+    seed: int,
+    steps: int = 93,
+    tasks: int = 450,
+    planes: int = 18,
+    per_plane: int = 18,
+    altitude_km: float = 550.0,
+) -> Scenario:
+    from sapopt.domains import constellation as c
+    from sapopt.domains.attitude import Attitude
+
+    shell = c.WalkerShell(planes, per_plane, 58.0, altitude_km)
+    return Attitude(c.walker_constellation(shell, c.random_tasks(tasks, seed), steps))
+
+
+@register(
+    "ride-hailing",
+    "100 drivers, 600 requests in a city of 10 x 10 crossings, 60 steps of 2 minutes; Holder 2024, 7.1.2",
+    (60, 100, 700),
+)
+def _ride_hailing(
+    seed: int, drivers: int = 100, requests: int = 600, steps: int = 60, width: int = 10, patience: int = 4
+) -> Scenario:
+    from sapopt.domains.ride_hailing import random_city
+
+    return random_city(drivers, requests, steps, seed, width=width, patience=patience)
+
+
+@register(
+    "unit-commitment",
+    "40 power stations, demand in 40 blocks, two days by the hour; cost is a factor on start-up; Holder 2024, 7.1.3",
+    (48, 40, 120),
+    cost=1.0,
+)
+def _unit_commitment(seed: int, units: int = 40, steps: int = 48) -> Scenario:
+    from sapopt.domains.unit_commitment import random_power_system
+
+    return random_power_system(units, steps, seed)

@@ -106,7 +106,7 @@ class ArcPaths:
         """
         g = self.graph
         p = self._prices(prices)
-        _, idle_price = kernels.idle_tasks(p, g.rows, self._row_own, g.listed_ptr, g.listed)
+        _, idle_price = self._idle(p, 0, g.rows)
         value, _ = kernels.longest(g.arcs, g.node_ptr, g.rows, 0, g.rows, p, idle_price)
         out: FloatArray = kernels.values_of_first(
             g.arcs, g.source, value, g.rows, g.listed_ptr, g.listed, g.shape[2]
@@ -118,7 +118,7 @@ class ArcPaths:
         g = self.graph
         T, _, m = g.shape
         p = self._prices(prices)
-        idle_task, idle_price = kernels.idle_tasks(p, g.rows, self._row_own, g.listed_ptr, g.listed)
+        idle_task, idle_price = self._idle(p, 0, g.rows)
         values, usage, idling = kernels.soft(
             g.arcs, g.node_ptr, g.rows, g.source, p, idle_price, float(temperature)
         )
@@ -135,7 +135,7 @@ class ArcPaths:
     def _paths(self, p: FloatArray, agents: IntArray, low: int, high: int) -> tuple[FloatArray, IntArray]:
         g = self.graph
         T = g.shape[0]
-        idle_task, idle_price = kernels.idle_tasks(p, g.rows, self._row_own, g.listed_ptr, g.listed)
+        idle_task, idle_price = self._idle(p, low, high)
         value, choice = kernels.longest(g.arcs, g.node_ptr, g.rows, low, high, p, idle_price)
         source = g.source[agents]
         plan = kernels.follow(g.arcs, source, choice, T)
@@ -147,6 +147,12 @@ class ArcPaths:
             is_free[np.repeat(np.arange(T), np.diff(g.listed_ptr)), g.listed] = False
             idle = np.where((p[:, own] == idle_price) & is_free[:, own], own, idle_task)
         return value[source], np.where(plan == -1, idle, np.maximum(plan, 0))
+
+    def _idle(self, p: FloatArray, low: int, high: int) -> tuple[IntArray, FloatArray]:
+        """Task and price (T, rows) of idling, for the rows ``low .. high - 1``."""
+        g = self.graph
+        task, price = kernels.idle_tasks(p, g.rows, low, high, self._row_own, g.listed_ptr, g.listed)
+        return task, price
 
     def _prices(self, prices: FloatArray) -> FloatArray:
         T, _, m = self.shape

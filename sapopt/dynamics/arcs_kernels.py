@@ -12,15 +12,15 @@ from numba import njit
 
 @njit(cache=True, inline="always")
 def _is_listed(listed, begin, end, j):
+    found = False
     for e in range(begin, end):
-        if listed[e] == j:
-            return True
-    return False
+        found = found or listed[e] == j
+    return found
 
 
 @njit(cache=True, nogil=True)
-def idle_tasks(prices, rows, own, listed_ptr, listed):
-    """Return the cheapest unlisted task (T, rows) and its price; a row's own task is preferred among equals."""
+def idle_tasks(prices, rows, first_row, last_row, own, listed_ptr, listed):
+    """Return the cheapest unlisted task (T, rows) of some rows and its price; a row's own comes first among equals."""
     T, m = prices.shape
     task = np.empty((T, rows), dtype=np.int64)
     price = np.empty((T, rows))
@@ -29,7 +29,7 @@ def idle_tasks(prices, rows, own, listed_ptr, listed):
         for j in range(1, m):
             if prices[k, j] < prices[k, low]:
                 low = j
-        for r in range(rows):
+        for r in range(first_row, last_row):
             begin, end = listed_ptr[k * rows + r], listed_ptr[k * rows + r + 1]
             j = own[r]
             if j < 0 or prices[k, j] > prices[k, low] or _is_listed(listed, begin, end, j):

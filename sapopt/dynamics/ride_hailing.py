@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 class RideHailing(AgentLocal):
     """Drivers take rides, which carry them through the city.
 
-    Task r is a request. It is on offer at the one step at which it has a benefit, the step it comes in; who takes it must
-    be able to be at the pick-up at most `patience` steps later, also a driver who has to finish another ride first. The
-    driver pays `cost` for every step of empty driving to the pick-up, is busy until the drop-off, and is free there. A
-    driver sent to a request that it cannot reach in time stays where it is and gets nothing. A request that nobody takes
-    is gone. (Were requests to wait on offer for several steps, "already served" would be a state that all agents share,
-    and the capacity of a task, which holds for each step, would not keep two drivers off one request.)
+    Task r is a request. It is on offer at the one step at which it has a benefit, the step it comes in; who takes it
+    must be able to be at the pick-up at most `patience` steps later, also a driver who has to finish another ride
+    first. The driver pays `cost` for every step of empty driving to the pick-up, is busy until the drop-off, and is
+    free there. A driver sent to a request that it cannot reach in time stays where it is and gets nothing. A request
+    that nobody takes is gone. (Were requests to wait on offer for several steps, "already served" would be a state that
+    all agents share, and the capacity of a task, which holds for each step, would not keep two drivers off one
+    request.)
 
     The local state is the place where a driver is or will be free, and when.
 
@@ -68,16 +69,14 @@ class RideHailing(AgentLocal):
             )
         for name in ("pick_up", "drop_off", "home"):
             places = getattr(self, name)
-            if places.ndim != 1 or (len(places) and not (0 <= places.min() and places.max() < len(travel))):
+            if places.ndim != 1 or (len(places) and not (places.min() >= 0 and places.max() < len(travel))):
                 raise ValueError(f"{name} must be a list of places in 0..{len(travel) - 1}")
         if len(self.pick_up) != len(self.drop_off):
             raise ValueError(
                 f"drop_off has {len(self.drop_off)} places for {len(self.pick_up)} pick-ups; give one each"
             )
         if isinstance(self.patience, bool) or int(self.patience) != self.patience or self.patience < 0:
-            raise ValueError(
-                f"patience must be a whole number of steps, not negative, got {self.patience!r}"
-            )
+            raise ValueError(f"patience must be a whole number of steps, not negative, got {self.patience!r}")
         cost = real_array(self.cost, "cost")
         if cost.ndim or not np.isfinite(cost) or cost < 0:
             raise ValueError(f"cost must be one finite number, not negative, got {self.cost!r}")
@@ -96,7 +95,9 @@ class RideHailing(AgentLocal):
                 f"pick_up has {len(self.pick_up)} places, but task {flat.indices.max()} has a benefit as well"
             )
         if len(flat.data) and flat.data.min() < 0:
-            raise ValueError("benefits must not be negative here; leave requests out that are not worth their way")
+            raise ValueError(
+                "benefits must not be negative here; leave requests out that are not worth their way"
+            )
         step = np.repeat(np.arange(problem.T), np.diff(flat.indptr[:: problem.n]))
         offers = np.unique(step * problem.m + flat.indices) % problem.m
         if len(np.unique(offers)) < len(offers):

@@ -68,11 +68,14 @@ class SlewCost(AgentLocal):
         steps, n, _ = self.satellites_km.shape
         if steps < problem.T or n != problem.n:
             raise ValueError(
-                f"satellites_km has shape {self.satellites_km.shape}, the problem {problem.T} steps and {problem.n} agents"
+                f"satellites_km has shape {self.satellites_km.shape}, but the problem has {problem.T} steps and "
+                f"{problem.n} agents"
             )
         flat = problem.benefits.flat()
         if len(flat.data) and flat.data.min() < 0:
-            raise ValueError("benefits must not be negative here: a task is seen where its benefit is positive")
+            raise ValueError(
+                "benefits must not be negative here: a task is seen where its benefit is positive"
+            )
         if int(flat.indices.max(initial=-1)) >= len(self.targets_km):
             raise ValueError(
                 f"targets_km has {len(self.targets_km)} places, but task {flat.indices.max()} has a benefit as well"

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class UnitCommitment(AgentLocal):
     """Units that are on or off, with start-up cost and minimum up and down time.
 
-    A task with a benefit (which may be negative) is output: a unit that takes one runs. Any other task switches the unit
-    off. A unit that starts pays its start-up cost and runs for at least `minimum_up` steps; once off it stays off for at
-    least `minimum_down` steps. Orders against that are not obeyed: a unit that has to stay on runs idle and pays
+    A task with a benefit (which may be negative) is output: a unit that takes one runs. Any other task switches the
+    unit off. A unit that starts pays its start-up cost and runs for at least `minimum_up` steps; once off it stays off
+    for at least `minimum_down` steps. Orders against that are not obeyed: a unit that has to stay on runs idle and pays
     `idling`, one that has to stay off does so and gets nothing for its task. So every assignment is feasible.
 
     The local state is the number of steps that a unit has been on (positive) or off (negative), up to its minimum.
@@ -60,7 +60,9 @@ class UnitCommitment(AgentLocal):
             if getattr(self, name).ndim != 1 or (getattr(self, name) < 1).any():
                 raise ValueError(f"{name} must be a list of whole numbers of at least 1")
         if self.initial.ndim != 1 or (self.initial == 0).any():
-            raise ValueError("initial must be a list of steps on (positive) or off (negative), none of them 0")
+            raise ValueError(
+                "initial must be a list of steps on (positive) or off (negative), none of them 0"
+            )
         lengths = {name: len(getattr(self, name)) for name in
                    ("start_up", "minimum_up", "minimum_down", "idling", "initial")}  # fmt: skip
         if len(set(lengths.values())) > 1:
