@@ -112,7 +112,13 @@ def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:
         raise ValueError(
             f"dynamics: {type(problem.dynamics).__name__} is not agent-local, so prices prove nothing"
         )
-    oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    if hasattr(
+        problem.model, "local_model"
+    ):  # what the dynamics says of itself in plain words, not its own oracle
+        local = problem.model.local_model(problem.benefits, problem.initial_state())
+        oracle: Any = LocalOracle(problem.benefits, local)
+    else:
+        oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
     if not isinstance(oracle, LocalOracle):
         raise ValueError(
             f"dynamics: {type(problem.dynamics).__name__} has no plain path recursion to verify with"

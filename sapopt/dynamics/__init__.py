@@ -7,6 +7,7 @@ from sapopt.dynamics.dictator import Dictator
 from sapopt.dynamics.ride_hailing import RideHailing
 from sapopt.dynamics.slewing import SlewCost
 from sapopt.dynamics.switching import SwitchingCost
+from sapopt.dynamics.synthetic import SyntheticSwitching
 from sapopt.dynamics.unit_commitment import UnitCommitment
 
 __all__ = [
@@ -19,5 +20,6 @@ __all__ = [
     "RideHailing",
     "SlewCost",
     "SwitchingCost",
+    "SyntheticSwitching",
     "UnitCommitment",
 ]
