@@ -320,3 +320,42 @@ def _unit_commitment(seed: int, units: int = 40, steps: int = 48) -> Scenario:
     from sapopt.domains.unit_commitment import random_power_system
 
     return random_power_system(units, steps, seed)
+
+
+@register(
+    "multi-beam",
+    "36 satellites with 10 beams each (6 x 6 at 58 deg, 550 km), 1200 random tasks, 93 minutes; Holder 2024, 4.4",
+    (93, 360, 1560),
+)
+def _multi_beam(
+    seed: int, steps: int = 93, tasks: int = 1200, beams: int = 10, decay: float = 0.9
+) -> Scenario:
+    from sapopt.domains.multibeam import multi_beam
+
+    return multi_beam(seed, steps=steps, tasks=tasks, beams=beams, decay=decay)
+
+
+@register(
+    "tracking",
+    "satellites that track objects over 633 hexagons of the US, 2 observers each, 93 minutes; Holder 2024, 4.3",
+    (93, 575, 1841),
+    cost=0.0,
+)
+def _tracking(
+    seed: int,
+    steps: int = 93,
+    planes: int = 18,
+    per_plane: int = 18,
+    resolution: int = 3,
+    arrivals: float = 0.4,
+) -> Scenario:
+    from sapopt.domains.tracking import tracking
+
+    return tracking(
+        seed,
+        steps=steps,
+        planes=planes,
+        per_plane=per_plane,
+        resolution=resolution,
+        arrivals_per_step=arrivals,
+    )

@@ -192,7 +192,7 @@ class SyntheticSwitching:
         rest = 0.0 if self.idle_is_free else -self.cost  # of a pair that is worth nothing and was not held
         charge = first.copy()
         charge.data = self._charge(first.data) + rest
-        free = self._free_pairs(*total.shape, state)
+        free = self._free_pairs(total.shape[0], total.shape[1], state)
         gain = sp.csr_array(total - charge + charge * free - rest * free)
         gain.eliminate_zeros()
         found = GainMatrix.from_matrix(gain)

@@ -47,7 +47,7 @@ class SyntheticAgents:
     @property
     def weights(self) -> FloatArray:
         """Share of the benefit that every copy earns, shape ``(problem.n,)``."""
-        return self.decay ** ranks(self.copies)
+        return np.asarray(self.decay ** ranks(self.copies), dtype=np.float64)
 
     def original(self, plan: Any) -> IntArray:
         """Real agent of every task at every step, shape ``(T, problem.m)``, -1 for none: the way back."""
@@ -271,7 +271,7 @@ def synthetic_agents(
     owner = np.repeat(np.arange(problem.n), count)
     copied = SAP(
         copied_agents(problem.benefits, count, decay, extra),
-        SyntheticSwitching(dynamics.cost, agent_of=owner, idle_is_free=dynamics.idle_is_free),
+        SyntheticSwitching(float(dynamics.cost), agent_of=owner, idle_is_free=dynamics.idle_is_free),
         initial,
     )
     return SyntheticAgents(problem, copied, count, float(decay))
