@@ -15,6 +15,7 @@ from sapopt.benefits import Benefits, dense_step
 from sapopt.types import FloatArray, IntArray, real_array
 
 if TYPE_CHECKING:
+    from sapopt.dynamics.battery_paths import BatteryPaths
     from sapopt.dynamics.battery_states import BatteryStates
     from sapopt.matrices import Matrix
     from sapopt.outlook import WindowSums
@@ -226,6 +227,12 @@ class Battery:
             charged = np.where(levels > 0, np.minimum(levels + units.charge, units.capacity), 0)
             levels = np.where(works, np.maximum(levels - units.drain, 0), charged)
         return total
+
+    def path_oracle(self, benefits: Benefits, state: BatteryState) -> BatteryPaths:
+        """Longest priced paths of the agents (`sapopt.dynamics.local.PathOracle`)."""
+        from sapopt.dynamics.battery_paths import BatteryPaths
+
+        return BatteryPaths(benefits, self, state)
 
     def local_model(self, benefits: Benefits, state: BatteryState) -> BatteryStates:
         """The agents' finite states in plain words (`sapopt.dynamics.local.LocalModel`)."""

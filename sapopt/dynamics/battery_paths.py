@@ -1,0 +1,138 @@
+"""Path oracle of `Battery`, from dense or flat sparse benefits; the mathematics is in the kernels' modules."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+
+from sapopt.dynamics import battery_paths_kernels as kernels
+from sapopt.dynamics import battery_paths_soft as soft
+from sapopt.dynamics.switching_paths import flat_benefits
+from sapopt.dynamics.switching_paths_soft_idle import cheapest_and_rest
+from sapopt.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from sapopt.dynamics.battery import Battery, BatteryState
+
+
+class BatteryPaths:
+    """Longest priced paths of agents on batteries: O(levels x visible tasks) per agent and step.
+
+    Parameters
+    ----------
+    benefits : Benefits or (T, n, m) float array
+        The window's benefits; sparse ones are never expanded.
+    dynamics : Battery
+    state : BatteryState
+        State before the first step of the window.
+    """
+
+    def __init__(self, benefits: Any, dynamics: Battery, state: BatteryState) -> None:
+        indptr, indices, data, self._shape = flat_benefits(benefits)
+        T, n, m = self._shape
+        self.levels = np.ascontiguousarray(state.levels, dtype=np.int64)
+        if self.levels.shape != (n,):
+            raise ValueError(f"state: expected the level of each of {n} agents, got {self.levels.shape}")
+        self.ready = np.ascontiguousarray(dynamics.serving(state), dtype=np.int64)
+        self.free = state.held is None
+        self.cost = dynamics.cost
+        self.battery = (dynamics.cost, *dynamics.units[1:], dynamics.pay_for == "entries")
+        self.rows = (indptr, indices, data, *kernels.neighbours(indptr, indices, data, T, n))
+        self._count = min(m, int(np.diff(indptr).max(initial=0)) + 1)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(T, n, m) of the window."""
+        return self._shape
+
+    @property
+    def scale(self) -> float:
+        """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
+        finite = self.rows[2][np.isfinite(self.rows[2])]
+        return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+
+    @property
+    def coldest(self) -> float:
+        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
+        return self.cost / 300.0
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
+        p = self._prices(prices)
+        values, plan = kernels.best_paths(
+            self._shape[1], self.rows, self.battery, p, kernels.cheapest_tasks(p, self._count), *self._start,
+            self._chunks(8),
+        )  # fmt: skip
+        return values, plan
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        p = self._prices(prices)
+        value, path = kernels.best_path(agent, self._shape[1], self.rows, self.battery, *self._start, p)
+        return float(value), path
+
+    def place(
+        self, order: IntArray, prices: FloatArray, open_prices: FloatArray, plan: IntArray, *, held: bool
+    ) -> bool:
+        """Let agents re-plan one after another, see `sapopt.dynamics.local.PlacingOracle`."""
+        done = kernels.place(
+            self._shape[1], self.rows, self.battery, *self._start, order, prices, open_prices, plan, held
+        )
+        return bool(done)
+
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
+        T, n, m = self._shape
+        rest, listed = self._first(prices)
+        values = np.repeat(rest[:, None], m, axis=1)
+        indptr, indices = self.rows[:2]
+        for k in range(min(T, 2)):
+            agents = np.repeat(np.arange(n), np.diff(indptr[k * n : (k + 1) * n + 1]))
+            span = slice(indptr[k * n], indptr[(k + 1) * n])
+            values[agents, indices[span]] = listed[span]
+        return values
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
+        p = self._prices(prices)
+        least = p.min(axis=1, keepdims=True)  # every path pays it; without it no weight underflows
+        p = p - least
+        w = np.exp(-p / temperature)
+        listing = cheapest_and_rest(p, w, min(self._shape[2], self._count + 32))
+        log_z, usage = soft.soft_paths(
+            self._shape[1],
+            self.rows,
+            self.battery,
+            temperature,
+            p,
+            w,
+            *listing,
+            *self._start,
+            self._chunks(1),
+        )
+        return temperature * log_z - least.sum(), usage
+
+    def _first(self, prices: FloatArray) -> tuple[FloatArray, FloatArray]:
+        p = self._prices(prices).copy()
+        p[0] = 0.0
+        rest, listed = kernels.first_entries(
+            self._shape[1], self.rows, self.battery, p, kernels.cheapest_tasks(p, self._count), *self._start,
+            self._chunks(8),
+        )  # fmt: skip
+        return rest, listed
+
+    @property
+    def _start(self) -> tuple[IntArray, IntArray, bool]:
+        return self.levels, self.ready, self.free
+
+    def _prices(self, prices: FloatArray) -> FloatArray:
+        T, _, m = self._shape
+        p = np.ascontiguousarray(prices, dtype=np.float64)
+        if p.shape != (T, m):
+            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
+        return p
+
+    def _chunks(self, per_thread: int) -> int:
+        return min(max(1, self._shape[1]), per_thread * int(numba.get_num_threads()))
