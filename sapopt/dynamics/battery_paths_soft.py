@@ -99,7 +99,8 @@ def _backward(i, n, rows, battery, eps, prices, w, U, logN, x, gain, wait, idle,
             a = logN[k + 1, worked] + top / eps
             b = logN[k + 1, rested]
             high = max(a, b)
-            scale_a, scale_b = np.exp(a - high), np.exp(b - high)
+            scale_a = 1.0 if a == high else np.exp(a - high)
+            scale_b = 1.0 if b == high else np.exp(b - high)
             total = 0.0
             for e in range(lo, hi):
                 if data[e] > 0.0:
