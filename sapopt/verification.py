@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from sapopt.benefits import dense_step
+from sapopt.dynamics.battery import Battery
 from sapopt.dynamics.local import LocalOracle
 from sapopt.dynamics.switching import SwitchingCost
 from sapopt.problem import SAP
 from sapopt.types import FloatArray, IntArray
+from sapopt.verification_battery import plain_paths, plain_terms
 
 _BLOCK = 2_000_000  # entries of the largest array built at once
 
@@ -39,11 +41,19 @@ def plain_value(problem: SAP, plan: Any) -> float:
     if tasks.min() < 0 or tasks.max() >= problem.m:
         raise ValueError(f"the plan holds a task outside 0..{problem.m - 1}")
     agents = np.arange(problem.n)
+    if type(problem.dynamics) is Battery:
+        for k in range(problem.T):
+            _check_step(tasks, k)
+        worth = plain_terms(problem, tasks)
+        if not np.isfinite(worth).all():
+            raise ValueError(
+                f"the plan uses a forbidden pair at step {np.argwhere(~np.isfinite(worth))[0][0]}"
+            )
+        return math.fsum(worth.ravel().tolist())
     terms: list[float] = []
     state = problem.initial_state()
     for k in range(problem.T):
-        if len(set(tasks[k].tolist())) < problem.n:
-            raise ValueError(f"the plan gives one task to two agents at step {k}")
+        _check_step(tasks, k)
         benefit = dense_step(problem.benefits.step(k))[agents, tasks[k]]
         if isinstance(problem.dynamics, SwitchingCost):
             eta = -_charges(problem.dynamics, state, tasks[k], benefit)
@@ -54,6 +64,11 @@ def plain_value(problem: SAP, plan: Any) -> float:
         terms += (benefit + eta).tolist()
         state = problem.transition(k, state, tasks[k].astype(np.int64))
     return math.fsum(terms)
+
+
+def _check_step(tasks: IntArray, k: int) -> None:
+    if len(set(tasks[k].tolist())) < tasks.shape[1]:
+        raise ValueError(f"the plan gives one task to two agents at step {k}")
 
 
 def _charges(
@@ -92,6 +107,8 @@ def plain_bound(problem: SAP, prices: Any) -> float:
     if isinstance(problem.dynamics, SwitchingCost):
         values = np.concatenate([_best_paths(problem, mu, block) for block in _blocks(problem)])
         charge = float(np.max(problem.dynamics.cost))
+    elif type(problem.dynamics) is Battery:
+        values, charge = plain_paths(problem, mu), problem.dynamics.cost
     else:
         values, charge = _local_values(problem, mu)
     total = math.fsum(values.tolist()) + math.fsum(mu.ravel().tolist())
@@ -108,17 +125,15 @@ def plain_bound(problem: SAP, prices: Any) -> float:
 
 def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:
     """Path values by the plain dynamic programme over declared local states."""
-    if not hasattr(problem.model, "path_oracle"):
+    if hasattr(problem.model, "local_model"):
+        model = problem.model.local_model(problem.benefits, problem.initial_state())
+        oracle = LocalOracle(problem.benefits, model)
+    elif hasattr(problem.model, "path_oracle"):
+        oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    else:
         raise ValueError(
             f"dynamics: {type(problem.dynamics).__name__} is not agent-local, so prices prove nothing"
         )
-    if hasattr(
-        problem.model, "local_model"
-    ):  # what the dynamics says of itself in plain words, not its own oracle
-        local = problem.model.local_model(problem.benefits, problem.initial_state())
-        oracle: Any = LocalOracle(problem.benefits, local)
-    else:
-        oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
     if not isinstance(oracle, LocalOracle):
         raise ValueError(
             f"dynamics: {type(problem.dynamics).__name__} has no plain path recursion to verify with"

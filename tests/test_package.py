@@ -20,7 +20,7 @@ LAYERS = (
     ("verbs", "domains", "learning", "plotting", "report", "display"),
     ("solvers",),
     ("formulations",),
-    ("certificate", "guarantees", "verification", "outlook", "assignment"),
+    ("certificate", "guarantees", "verification", "verification_battery", "outlook", "assignment"),
     (
         "problem",
         "dynamics",

@@ -73,14 +73,11 @@ class BatteryPaths:
         value, path = kernels.best_path(agent, self._shape[1], self.rows, self.battery, *self._start, p)
         return float(value), path
 
-    def place(
-        self, order: IntArray, prices: FloatArray, open_prices: FloatArray, plan: IntArray, *, held: bool
-    ) -> bool:
-        """Let agents re-plan one after another, see `sapopt.dynamics.local.PlacingOracle`."""
-        done = kernels.place(
-            self._shape[1], self.rows, self.battery, *self._start, order, prices, open_prices, plan, held
+    def place(self, order: IntArray, closed: FloatArray, prices: FloatArray, plan: IntArray) -> None:
+        """Let agents re-plan one after another, in place (`sapopt.dynamics.local.PlacingOracle`)."""
+        kernels.place(
+            self._shape[1], self.rows, self.battery, *self._start, order, closed, self._prices(prices), plan
         )
-        return bool(done)
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""

@@ -244,33 +244,24 @@ def best_path(i, n, rows, battery, levels, ready, free, prices):
 
 
 @njit(cache=True)
-def place(n, rows, battery, levels, ready, free, order, prices, open_prices, plan, held):
-    """Let the agents of `order` re-plan one by one: each frees its cells (if `held`) and takes its best open path.
-
-    `prices` (T, m) has +inf at taken cells and is kept so; `open_prices` are the prices of free cells; `plan` (T, n) is
-    changed in place. Returns False when an agent found no open path.
-    """
+def place(n, rows, battery, levels, ready, free, order, closed, prices, plan):
+    """Let the agents of `order` re-plan one by one, see `sapopt.dynamics.local.PlacingOracle`."""
     T, m = prices.shape
-    capacity = battery[3]
-    N = np.empty((T + 1, capacity + 1))
-    X = np.empty((most_entries(rows[0], n, T), capacity + 1))
+    N = np.empty((T + 1, battery[3] + 1))
+    X = np.empty((most_entries(rows[0], n, T), battery[3] + 1))
     mark, offset, path = np.full(m, -1), np.empty(T + 1, np.int64), np.empty(T, np.int64)
     least, least_task = np.empty(T), np.empty(T, np.int64)
     none = np.empty((T, 0), np.int32)
     for i in order:
-        if held:
-            for k in range(T):
-                prices[k, plan[k, i]] = open_prices[k, plan[k, i]]
-        _idle_places(i, n, rows[0], rows[1], prices, none, mark, least, least_task)
-        _values(i, n, rows, battery, prices, least, 0, N, X, offset)
-        start = (levels[i], ready[i], free)
-        value = _walk(i, n, rows, battery, prices, least, least_task, start, N, X, offset, path)
-        if not value > _NEG:
-            return False
         for k in range(T):
+            closed[k, plan[k, i]] = prices[k, plan[k, i]]
+        _idle_places(i, n, rows[0], rows[1], closed, none, mark, least, least_task)
+        _values(i, n, rows, battery, closed, least, 0, N, X, offset)
+        start = (levels[i], ready[i], free)
+        _walk(i, n, rows, battery, closed, least, least_task, start, N, X, offset, path)
+        for k in range(T):  # its old path was open, so one was found
             plan[k, i] = path[k]
-            prices[k, path[k]] = np.inf
-    return True
+            closed[k, path[k]] = np.inf
 
 
 @njit(cache=True, parallel=True)

@@ -64,6 +64,24 @@ class FirstValueOracle(PathOracle, Protocol):
 
 
 @runtime_checkable
+class PlacingOracle(PathOracle, Protocol):
+    """An oracle that can re-plan many agents in turn without a call for each."""
+
+    def place(self, order: IntArray, closed: FloatArray, prices: FloatArray, plan: IntArray) -> None:
+        """Let the agents of `order` move one by one: each gives up its cells and takes its best open path.
+
+        Parameters
+        ----------
+        closed : (T, m)
+            Prices with +inf at the cells that `plan` holds; kept so, in place.
+        prices : (T, m)
+            Prices of open cells.
+        plan : (T, n)
+            A feasible plan; changed in place.
+        """
+
+
+@runtime_checkable
 class LocalModel(Protocol):
     """A finite state per agent, numbered 0..S-1 (the same number S for all agents).
 

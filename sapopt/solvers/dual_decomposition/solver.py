@@ -10,6 +10,7 @@ from typing import Any
 
 from sapopt.control import Run
 from sapopt.dynamics.local import PathOracle, SoftPathOracle
+from sapopt.dynamics.switching import SwitchingCost
 from sapopt.formulations.dual import DualResult, ascend, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.formulations.dual.torch_paths import KERNELS, path_oracle, torch_device
@@ -17,6 +18,7 @@ from sapopt.outlook import rollout
 from sapopt.problem import SAP
 from sapopt.result import Status
 from sapopt.solvers.base import Outcome
+from sapopt.solvers.dual_decomposition import paths
 from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
 from sapopt.solvers.dual_decomposition.neighbourhoods import Effort, improved
 from sapopt.solvers.dual_decomposition.rolling import rolling_plan
@@ -56,18 +58,19 @@ class DualDecomposition:
     """Near-optimal plans for the whole horizon, with a proven bound.
 
     The prices of the task capacities are ascended until the Lagrangian bound settles. They turn into plans by a rolling
-    assignment with priced futures and by sweeps in which one agent after another takes its best priced path; windows
-    of the best plan are then solved exactly, as network flows restricted to cells whose prices show that a near-optimal
-    plan may use them.
+    assignment with priced futures and by sweeps in which one agent after another takes its best priced path. With a
+    `SwitchingCost`, windows of the best plan are then solved exactly, as network flows restricted to cells whose prices
+    show that a near-optimal plan may use them; with other agent-local dynamics (those with a `path_oracle`) the sweeps
+    go on.
 
     Parameters
     ----------
     iterations : int
         Most dual iterations.
     rounds : int
-        Most rounds of windows.
+        Most rounds of windows (or of further sweeps).
     sweeps : int
-        Priced path sweeps (none where every task is always taken).
+        Priced path sweeps of a round (none where every task is always taken).
     repricing : int
         Dual iterations before every few steps of a second rolling assignment, 0 for none.
     tolerance : float
@@ -108,7 +111,13 @@ class DualDecomposition:
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
-        arrays = Arrays.of(problem)
+        switching = isinstance(problem.dynamics, SwitchingCost)
+        if not switching and not hasattr(problem.model, "path_oracle"):
+            raise ValueError(
+                f"dynamics: {type(problem.dynamics).__name__} is not agent-local (it has no path_oracle), so no prices "
+                "take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
+            )
+        arrays = Arrays.of(problem) if switching else None
         start = rollout(problem, HAA(), run.part()).plan if run.start is None else run.start
         search = _Search(self, problem, arrays, run, start)
         status = Status.FEASIBLE
@@ -134,7 +143,7 @@ class _Search:
 
     options: DualDecomposition
     problem: SAP
-    arrays: Arrays
+    arrays: Arrays | None  # None: no SwitchingCost, so no windows; plans come from the oracle alone
     run: Run
     best: Ints
     value: float = -math.inf
@@ -162,19 +171,10 @@ class _Search:
         self.ascend(math.inf if limit is None else _DUAL_SHARE * limit)
         yield
         yield from self.first_plans()
-        rng = self.run.rng
         quiet = 0
         for turn in range(self.options.rounds):
-            assert self.prices is not None
             began, before = self.run.seconds, self.value
-            effort, shift = self.effort(turn)
-            search = improved(
-                self.arrays, self.best, self.prices, effort, shift, rng,
-                threads=self.options.threads, seconds_left=self.seconds_left,
-            )  # fmt: skip
-            for plan in search:
-                self.offer(plan, f"windows of {effort.length} steps")
-                yield
+            yield from self.sweeps() if self.arrays is None else self.windows(self.arrays, turn)
             if not self.settled:
                 self.ascend(_DUAL_REST * (self.run.seconds - began))
                 yield
@@ -182,12 +182,20 @@ class _Search:
             if quiet >= 6 and self.settled:
                 break
 
-    def effort(self, turn: int) -> tuple[Effort, int]:
-        """Return the neighbourhoods of a round: windows, windows shifted by half, few agents over the whole horizon."""
-        if turn % 3 == 2:
-            return Effort(self.arrays.steps, _GROUP_ARCS), 0
+    def windows(self, arrays: Arrays, turn: int) -> Iterator[None]:
+        """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
+        assert self.prices is not None
         effort = _EFFORTS[min(turn // 3, len(_EFFORTS) - 1)]
-        return effort, turn % 3 * effort.length // 2
+        shift = turn % 3 * effort.length // 2
+        if turn % 3 == 2:
+            effort, shift = Effort(arrays.steps, _GROUP_ARCS), 0
+        search = improved(
+            arrays, self.best, self.prices, effort, shift, self.run.rng,
+            threads=self.options.threads, seconds_left=self.seconds_left,
+        )  # fmt: skip
+        for plan in search:
+            self.offer(plan, f"windows of {effort.length} steps")
+            yield
 
     def seconds_left(self) -> float:
         return 0.0 if self.run.stopped else self.run.seconds_left
@@ -206,7 +214,7 @@ class _Search:
             return self.report("prices")
 
         self.dual = ascend(
-            self.oracle(0, self.problem.initial_assignment),
+            self.oracle(0, self.problem.initial_state()),
             self.prices,
             state=None if self.dual is None else self.dual.state,
             time_limit=None if math.isinf(seconds) else max(0.0, min(seconds, self.seconds_left())),
@@ -223,60 +231,64 @@ class _Search:
             self.bound, self.prices = float(self.dual.bound), self.dual.prices
         self.record("prices")
 
-    def oracle(self, k: int, held: Ints | None) -> PathOracle:
-        """Return the paths of the steps from ``k`` on, after ``held``."""
+    def oracle(self, k: int, state: Any) -> PathOracle:
+        """Return the paths of the steps from ``k`` on, after ``state``."""
         benefits = self.problem.benefits.slice(k, self.problem.T)
-        return path_oracle(self.problem.model, benefits, held, self.options.device)
+        return path_oracle(self.problem.model, benefits, state, self.options.device)
 
-    def reprice(self, k: int, held: Ints, prices: Floats) -> Floats:
+    def reprice(self, k: int, state: Any, prices: Floats) -> Floats:
         """Return prices for what is left of the problem at step ``k``."""
-        oracle = self.oracle(k, held)
+        oracle = self.oracle(k, state)
         if not isinstance(oracle, SoftPathOracle):
             return prices
         descent = SmoothDescent(iterations=1, hot=_REPRICING_HEAT)
-        state = descent.begin(prices)
+        walk = descent.begin(prices)
         bound = dual_value(oracle, prices).bound
-        while state.iteration < self.repricings:
-            state = descent.step(oracle, state)
+        while walk.iteration < self.repricings:
+            walk = descent.step(oracle, walk)
             if self.report("repriced assignment"):
                 break
-            if state.iteration % 10 == 0:
-                found = dual_value(oracle, state.prices).bound
+            if walk.iteration % 10 == 0:
+                found = dual_value(oracle, walk.prices).bound
                 if found < bound:
-                    bound, prices = found, state.prices
+                    bound, prices = found, walk.prices
         return prices
+
+    def rolling(self, phase: str, **options: Any) -> Ints | None:
+        """Return the plan of a rolling assignment, None if the run ended first."""
+        assert self.prices is not None
+        if self.arrays is None:
+            return paths.rolling_plan(self.problem, self.prices, lambda: self.report(phase), **options)
+        return rolling_plan(self.arrays, self.prices, lambda: self.report(phase), **options)
 
     def first_plans(self) -> Iterator[None]:
         """Build plans from the prices alone, the quick ones first."""
-        assert self.prices is not None
-        plan = rolling_plan(self.arrays, self.prices, lambda: self.report("rolling assignment"))
+        plan = self.rolling("rolling assignment")
         if plan is not None:
             self.offer(plan, "rolling assignment")
             yield
         self.repricings = self.affordable_repricings()
         if self.repricings and not self.report("repriced assignment"):
-            plan = rolling_plan(
-                self.arrays,
-                self.prices,
-                lambda: self.report("repriced assignment"),
-                block=_BLOCK,
-                reprice=self.reprice,
-            )
+            plan = self.rolling("repriced assignment", block=_BLOCK, reprice=self.reprice)
             if plan is not None:
                 self.offer(plan, "repriced assignment")
                 yield
-        if self.arrays.agents == self.arrays.tasks:
+        yield from self.sweeps()
+
+    def sweeps(self) -> Iterator[None]:
+        """Let the agents move to their best paths in turn, under prices that fall to nothing."""
+        assert self.prices is not None
+        if self.problem.n == self.problem.m:
             return
         plan = self.best
         count = self.options.sweeps
+        oracle = self.oracle(0, self.problem.initial_state())
         for q in range(count):
-            plan = sweep(
-                self.arrays,
-                plan,
-                self.prices * (1.0 - q / max(count - 1, 1)),
-                self.run.rng,
-                self.seconds_left,
-            )
+            prices = self.prices * (1.0 - q / max(count - 1, 1))
+            if self.arrays is None:
+                plan = paths.sweep(oracle, plan, prices, self.run.rng, self.seconds_left)
+            else:
+                plan = sweep(self.arrays, plan, prices, self.run.rng, self.seconds_left)
             self.offer(plan, "path sweeps")
             yield
 
@@ -285,13 +297,13 @@ class _Search:
         most = self.options.repricing
         if math.isinf(self.run.seconds_left):
             return most
-        once = self.ascent_seconds / max(self.iterations, 1) * self.arrays.steps / _BLOCK / 2
+        once = self.ascent_seconds / max(self.iterations, 1) * self.problem.T / _BLOCK / 2
         count = min(most, int(_REPRICING_SHARE * self.seconds_left() / max(once, 1e-9)))
         return count if count >= _FEWEST_REPRICINGS else 0
 
     def offer(self, plan: Ints, phase: str) -> None:
         """Keep a plan if it is the best."""
-        if self.arrays.value(plan) > self.value + 1e-9:
+        if self.arrays is None or self.arrays.value(plan) > self.value + 1e-9:
             value = self.problem.evaluate(plan).value
             if value > self.value:
                 self.best, self.value = plan.copy(), value
