@@ -18,7 +18,7 @@ import numpy as np
 from distributed_runs import LABELS, Job, Run, curve, run_all
 from matplotlib.figure import Figure
 
-from sapopt.plotting import PALETTE
+from sapopt.plotting import PALETTE, value_against_lookahead
 
 CURVES = ("dual", "HAAL", "HAALD", "CBBA")
 FLAT = ("greedy", "no handover")
@@ -58,24 +58,21 @@ def main(argv: Sequence[str] | None = None) -> None:
 def draw(runs: list[Run]) -> Figure:
     """Two panels: value, rounds."""
     figure, (left, right) = common.new_figure(10.5, 4.2, 1, 2)
+    values = {}
     for method in CURVES:
-        lookaheads, values = curve(runs, method, "value")
-        style = {"color": COLORS[method], "label": LABELS[method], "marker": "o", "ms": 4.5}
-        left.plot(lookaheads, values.mean(axis=1), **style)
+        lookaheads, found = curve(runs, method, "value")
+        values[LABELS[method]] = dict(zip(lookaheads, found, strict=True))
         if method != "HAAL":
-            right.plot(lookaheads, curve(runs, method, "rounds")[1].mean(axis=1), **style)
-    for method in FLAT:
-        value = curve(runs, method, "value")[1].mean()
-        left.axhline(value, color=COLORS[method], ls="--", lw=1.2, label=LABELS[method])
-    left.set_ylabel("value of the plan")
-    right.set_ylabel("communication rounds a step")
-    for ax in (left, right):
-        ax.set_xlabel("lookahead L (window W)")
-        ax.set_xticks(list(LOOKAHEADS))
-        ax.set_ylim(bottom=0)
-        ax.grid(axis="y", color="#EEEEEE")
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
+            rounds = curve(runs, method, "rounds")[1].mean(axis=1)
+            right.plot(lookaheads, rounds, color=COLORS[method], marker="o", ms=4.5)
+    levels = {LABELS[method]: curve(runs, method, "value")[1].mean() for method in FLAT}
+    value_against_lookahead(values, None, levels, {LABELS[key]: color for key, color in COLORS.items()}, left)
+    left.set_xlabel("lookahead L (window W)")
+    right.set(xlabel="lookahead L (window W)", ylabel="communication rounds a step")
+    right.set_xticks(list(LOOKAHEADS))
+    right.set_ylim(bottom=0)
+    right.grid(axis="y", color="#EEEEEE")
+    right.spines[["top", "right"]].set_visible(False)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     return figure

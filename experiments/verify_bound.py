@@ -24,6 +24,8 @@ import theorem
 import theorem_search as search
 from matplotlib.figure import Figure
 
+from sapopt.plotting import ratio_against_c
+
 RANDOM = [
     # n, m, T
     (2, 2, 4), (2, 3, 3), (2, 3, 6), (2, 4, 8), (3, 3, 5), (3, 4, 5), (3, 5, 8), (4, 5, 5),
@@ -160,30 +162,16 @@ def draw(rows: list[Row]) -> Figure:
     """Ratio against c, one panel per solver, with the curve of the theorem."""
     panels = ("HAA", "HAAL", "HAAL+")
     figure, axes = common.new_figure(13, 4.4, 1, 3, sharey=True)
-    c = np.geomspace(0.01, 2000, 400)
-    looks = {
-        "random": ("#9aa5b1", ".", 10), "search": ("#1f77b4", "o", 16),
-        "known": ("#d95f02", "s", 18), "known, annealed": ("#7a3b9a", "^", 18),
-    }  # fmt: skip
     for axis, solver in zip(axes, panels, strict=True):
-        axis.plot(c, c / (1 + c), color="black", lw=1.5, label="c / (1 + c)", zorder=3)
-        for source, (colour, mark, size) in looks.items():
-            chosen = [
-                row for row in rows if row["solver"] == solver and row["source"] == source and row["c"] > 0
-            ]
-            broken = [row for row in chosen if row["violated"]]
-            axis.scatter(
-                [row["c"] for row in chosen], [row["ratio"] for row in chosen],
-                s=size, c=colour, marker=mark, lw=0, alpha=0.7, label=source,
-            )  # fmt: skip
-            axis.scatter(
-                [row["c"] for row in broken], [row["ratio"] for row in broken],
-                s=60, facecolors="none", edgecolors="red", lw=1.0, zorder=4,
-            )  # fmt: skip
-        count = sum(row["violated"] for row in rows if row["solver"] == solver)
-        axis.set(xscale="log", xlim=(0.01, 2000), ylim=(-0.02, 1.02), xlabel="c")
-        axis.set_title(f"{solver}: {count} violations" + (" (ringed)" if count else ""))
-        axis.grid(alpha=0.25)
+        those = [row for row in rows if row["solver"] == solver]
+        points = {
+            source: [(row["c"], row["ratio"]) for row in those if row["source"] == source]
+            for source in ("random", "search", "known", "known, annealed")
+        }
+        broken = [(row["c"], row["ratio"]) for row in those if row["violated"] and row["c"] > 0]
+        ratio_against_c(points, broken, ax=axis)
+        axis.set_title(f"{solver}: {len(broken)} violations" + (" (ringed)" if broken else ""))
+        axis.set_ylabel("")
     axes[0].set_ylabel("value / optimum")
     axes[0].legend(loc="lower right", framealpha=1.0)
     return figure

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from sapopt import SAP, Result, SwitchingCost, plotting, solve
+from sapopt.domains.instances import scenario
+from sapopt.plotting.world import ground_tracks_deg
 from sapopt.solvers import HAA, HAAL, NoHandover
 
 mpl.use("Agg")
@@ -109,6 +112,71 @@ def test_gap_trace(ax: Axes, results: dict[str, Result]) -> None:
     assert "proven bound 20.0" in ax.get_title(loc="left")
 
 
+def test_value_against_lookahead(ax: Axes) -> None:
+    """A line through the means of each method, a band where there are several seeds, levels and the bound as lines."""
+    values = {"a": {3: [5.0, 7.0], 1: [2.0, 4.0]}, "b": {1: 1.0, 2: 2.5}}
+    plotting.value_against_lookahead(values, 9.0, {"greedy": 0.5}, {"b": "black"}, ax)
+    draw(ax)
+    np.testing.assert_array_equal(ax.lines[0].get_xydata(), [[1, 3.0], [3, 6.0]])
+    np.testing.assert_array_equal(ax.lines[1].get_xydata(), [[1, 1.0], [2, 2.5]])
+    assert ax.lines[1].get_color() == "black"
+    assert [line.get_ydata()[0] for line in ax.lines[2:]] == [0.5, 9.0]
+    assert len(ax.collections) == 1
+    assert [text.get_text() for text in ax.legend().get_texts()] == ["a", "b", "greedy", "proven bound 9.0"]
+
+
+def test_ratio_against_c(ax: Axes) -> None:
+    """The curve of the theorem, the points with c > 0, and rings around those that break it."""
+    points = {"random": [(0.0, 0.4), (2.0, 0.9)], "search": np.array([[5.0, 0.8]])}
+    plotting.ratio_against_c(points, [(5.0, 0.8)], ax=ax)
+    draw(ax)
+    c, promised = ax.lines[0].get_data()
+    np.testing.assert_allclose(promised, c / (1 + c))
+    assert [spots.get_offsets().tolist() for spots in ax.collections] == [
+        [[2.0, 0.9]],
+        [[5.0, 0.8]],
+        [[5.0, 0.8]],
+    ]
+
+
+def test_price_heat_map(ax: Axes) -> None:
+    """The scarcest tasks on top, or those asked for, with their names."""
+    prices = np.array([[0.0, 3.0, 1.0], [0.5, 2.0, 0.0]])
+    plotting.price_heat_map(prices, 2, ["north", "east", "south"], ax)
+    draw(ax)
+    np.testing.assert_array_equal(ax.images[0].get_array(), prices[:, [1, 2]].T)
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["east", "south"]
+    other = Figure().subplots()
+    plotting.price_heat_map(prices, [0], ax=other)
+    np.testing.assert_array_equal(other.images[0].get_array(), prices[:, [0]].T)
+
+
+def test_world_map(ax: Axes) -> None:
+    """Satellites lie where they are, each one at work has a line to its task, over the date line two."""
+    constellation = scenario("constellation-toy", steps=6)
+    small = constellation.problem()
+    result = solve(small, HAA())
+    assert plotting.world_map(constellation, result, 4, trail=2, ax=ax) is ax
+    draw(ax)
+    busy = small.benefits.at(result.plan)[4] > 0
+    idle_dots, busy_dots = ax.collections[-2:]
+    assert (len(idle_dots.get_offsets()), len(busy_dots.get_offsets())) == ((~busy).sum(), busy.sum())
+    moved = busy & (result.plan[4] != result.plan[3])
+    links = [c for c in ax.collections if isinstance(c, LineCollection)][-2:]
+    ground = ground_tracks_deg(constellation.positions_km[4])
+    for drawn, who in zip(links, (busy & ~moved, moved), strict=True):
+        apart = ground[who, 0] - constellation.tasks.longitude_deg[result.plan[4][who]]
+        assert len(drawn.get_segments()) == who.sum() + (np.abs(apart) > 180).sum()
+        for line in drawn.get_segments():
+            assert abs(line[0, 0] - line[1, 0]) <= 180
+    np.testing.assert_allclose(ground[busy], busy_dots.get_offsets())
+    draw(plotting.world_map(constellation, step=0, prices=np.ones((6, 30)), ax=Figure().subplots()))
+    with pytest.raises(ValueError, match=r"step must lie in 0\.\.5, got 6"):
+        plotting.world_map(constellation, step=6, ax=ax)
+    with pytest.raises(ValueError, match="result: its plan has shape"):
+        plotting.world_map(scenario("constellation-toy", steps=9), result, 7, ax=ax)
+
+
 def test_without_axes() -> None:
     """Without axes a new pyplot figure is made."""
     before = plt.get_fignums()
@@ -123,5 +191,9 @@ def test_bad_arguments(ax: Axes, problem: SAP, results: dict[str, Result]) -> No
         plotting.benefit_history(problem, results, 5, ax)
     with pytest.raises(ValueError, match=r"agents must be numbers in 0\.\.4"):
         plotting.timeline(problem, results["HAA"], [0, -1], ax)
+    with pytest.raises(ValueError, match=r"tasks must be a positive count or numbers in 0\.\.2"):
+        plotting.price_heat_map(np.ones((2, 3)), [3], ax=ax)
+    with pytest.raises(ValueError, match=r"prices must be finite, of shape \(T, m\)"):
+        plotting.price_heat_map(np.ones(3), ax=ax)
     with pytest.raises(ValueError, match="holds no bounds"):
         plotting.gap_trace(results["HAA"], ax)

@@ -1,0 +1,57 @@
+"""The documentation site: `sphinx-build -W docs docs/_build/html`."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import sapopt
+
+project = "sapopt"
+author = "The sapopt developers"
+copyright = "the sapopt developers; Apache License 2.0"
+version = release = sapopt.__version__
+
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.viewcode"]
+exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+
+# Pages are Markdown; those with a kernel in their header are notebooks and run while the site is built.
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+nb_execution_mode = "cache"
+nb_execution_timeout = 180
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings give types with shapes and units
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+default_role = "code"  # `name` in docstrings, as in the code
+
+html_theme = "furo"
+html_title = f"sapopt {release}"
+html_theme_options = {"navigation_with_keys": True}
+html_show_sphinx = False
+
+
+def complete_index(app: Any, page: str, source: list[str]) -> None:
+    """Put every page into the index: those that it does not name go under "More", names without a page are dropped."""
+    if page != "index":
+        return
+    pages = set(app.env.found_docs) - {"index"}
+    blocks = re.findall(r"```{toctree}\n(?::[^\n]*\n)+\n(.*?)```", source[0], flags=re.DOTALL)
+    named = {line for block in blocks for line in block.split()}
+    for name in named - pages - {"PAGES-NOT-NAMED-ABOVE"}:
+        source[0] = re.sub(rf"^{re.escape(name)}\n", "", source[0], flags=re.MULTILINE)
+    more = sorted(name for name in pages - named if not name.startswith("api/"))
+    source[0] = source[0].replace("PAGES-NOT-NAMED-ABOVE", "\n".join(more))
+
+
+def setup(app: Any) -> None:
+    """Connect the hook."""
+    app.connect("source-read", complete_index)

@@ -1,0 +1,127 @@
+"""The map of a constellation at work."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+
+from sapopt.domains.coastline import coastline_deg
+from sapopt.plotting.style import BEST, BOUND, HEAT, MUTED, PALETTE, axes_or_new
+from sapopt.types import FloatArray
+
+if TYPE_CHECKING:
+    from sapopt.result import Result
+
+_SERVED, _FREE = PALETTE[2], "#AEBDCB"
+
+
+def world_map(
+    scenario: Any,
+    result: Result | None = None,
+    step: int = 0,
+    *,
+    prices: Any = None,
+    trail: int = 9,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw satellites with their ground tracks, tasks, and who serves what at a step.
+
+    Parameters
+    ----------
+    scenario : Constellation
+        Or anything with ``positions_km``, ``tasks`` and ``benefits``; a domain may wrap one as ``constellation``.
+    result : Result, optional
+        Lines run from each satellite that gains something to its task, orange where the task was handed over.
+    step : int
+        0-based.
+    prices : array_like, shape (T, m), optional
+        Colours the tasks by their price at the step.
+    trail : int
+        So many steps of the past are drawn behind the satellites.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+        Longitude and latitude in degrees.
+
+    Raises
+    ------
+    ValueError
+        If there is no such step, or the result does not fit the scenario.
+    """
+    scenario = getattr(scenario, "constellation", scenario)
+    steps, n = scenario.positions_km.shape[:2]
+    if not 0 <= step < steps:
+        raise ValueError(f"step must lie in 0..{steps - 1}, got {step}")
+    if result is not None and (result.plan.shape[1] != n or len(result.plan) <= step):
+        raise ValueError(
+            f"result: its plan has shape {result.plan.shape}, the scenario {steps} steps and {n} satellites"
+        )
+    ax = axes_or_new(ax, (10.0, 5.0))
+    ax.set_facecolor("#E4EDF5")
+    ax.add_collection(PolyCollection(coastline_deg(), facecolors="#FCFDFD", edgecolors=_FREE, linewidths=0.5))
+    first = max(0, step - trail)
+    track = ground_tracks_deg(scenario.positions_km[first : step + 1])
+    for age in range(len(track) - 1):
+        ax.add_collection(
+            LineCollection(
+                _strands(track[age], track[age + 1]), colors=BEST, lw=0.8, alpha=0.45 * (age + 1) / len(track)
+            )
+        )
+    here, tasks = track[-1], scenario.tasks
+    places = np.stack([tasks.longitude_deg, tasks.latitude_deg], axis=-1)
+    size = 9.0 * tasks.priority / max(tasks.priority.max(), 1e-12)
+    served = np.zeros(tasks.m, dtype=bool)
+    busy = np.zeros(n, dtype=bool)
+    if result is not None:
+        now = result.plan[step]
+        busy = scenario.benefits.slice(step, step + 1).at(now[None])[0] > 0
+        served[now[busy]] = True
+        moved = busy & (result.plan[max(step - 1, 0)] != now)
+        for who, color, width in ((busy & ~moved, _SERVED, 1.0), (moved, BOUND, 1.6)):
+            ax.add_collection(LineCollection(_strands(here[who], places[now[who]]), colors=color, lw=width))
+    if prices is not None:
+        price = np.asarray(prices)[step]
+        ax.scatter(
+            *places.T,
+            s=4 + 3 * size,
+            c=price,
+            cmap=HEAT,
+            vmin=0,
+            marker="s",
+            lw=0.3,
+            edgecolors=MUTED,
+            zorder=3,
+        )
+    else:
+        ax.scatter(*places[~served].T, s=size[~served], c=_FREE, marker="s", lw=0, zorder=3)
+        ax.scatter(*places[served].T, s=1.4 * size[served], c=_SERVED, marker="s", lw=0, zorder=3)
+    ax.scatter(*here[~busy].T, s=7, c=MUTED, lw=0, alpha=0.6, zorder=4)
+    ax.scatter(*here[busy].T, s=9, c=BEST, lw=0, zorder=4)
+    highest = min(90.0, max(60.0, float(np.abs(here[:, 1]).max()) + 7.0))
+    ax.set(xlim=(-180, 180), ylim=(-highest, highest), aspect="equal")
+    ax.set_xticks(range(-180, 181, 60))
+    ax.set_yticks(range(-60, 61, 30))
+    ax.tick_params(length=0, labelsize=8, colors=MUTED)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+    return ax
+
+
+def ground_tracks_deg(positions_km: FloatArray) -> FloatArray:
+    """Longitude and latitude below satellites at Earth-fixed positions (..., 3) in kilometres: shape (..., 2)."""
+    x, y, z = np.moveaxis(np.asarray(positions_km, dtype=np.float64), -1, 0)
+    return np.stack([np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))], axis=-1)
+
+
+def _strands(begin: FloatArray, end: FloatArray) -> list[FloatArray]:
+    """Lines between places, the short way round; those over the date line are drawn at both edges."""
+    turn = np.zeros_like(begin)
+    turn[:, 0] = 360.0 * np.round((end - begin)[:, 0] / 360.0)
+    lines = np.stack([begin, end - turn], axis=1)
+    over = turn[:, 0] != 0
+    return [*lines, *np.stack([begin + turn, end], axis=1)[over]]
