@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from sapopt.plotting.style import (
     BAR,
@@ -187,7 +187,7 @@ def value_against_lookahead(
     ax.set_xlabel("lookahead")
     ax.set_ylabel("value of the plan")
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.grid(axis="y", color=GRID)
     ax.set_axisbelow(True)
     despine(ax)
@@ -220,13 +220,12 @@ def ratio_against_c(
         known = np.reshape(np.asarray(pairs, dtype=np.float64), (-1, 2))
         known = known[known[:, 0] > 0]
         mark = markers[number % len(markers)]
-        ax.scatter(
-            *known.T, s=10 if mark == "." else 17, marker=mark, lw=0, alpha=0.7, label=name,
+        ax.scatter(known[:, 0], known[:, 1], s=10 if mark == "." else 17, marker=mark, lw=0, alpha=0.7, label=name,
             color=("#9AA5B1", *PALETTE)[number % (len(PALETTE) + 1)],
         )  # fmt: skip
     if violations is not None and len(violations):
         ringed = np.reshape(np.asarray(violations, dtype=np.float64), (-1, 2))
-        ax.scatter(*ringed.T, s=60, facecolors="none", edgecolors="red", lw=1.0, zorder=4)
+        ax.scatter(ringed[:, 0], ringed[:, 1], s=60, facecolors="none", edgecolors="red", lw=1.0, zorder=4)
     ax.set(xscale="log", xlim=(0.01, 2000), ylim=(-0.02, 1.02), xlabel="c", ylabel="value / optimum")
     ax.grid(color=GRID)
     ax.set_axisbelow(True)

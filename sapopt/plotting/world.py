@@ -85,23 +85,13 @@ def world_map(
         for who, color, width in ((busy & ~moved, _SERVED, 1.0), (moved, BOUND, 1.6)):
             ax.add_collection(LineCollection(_strands(here[who], places[now[who]]), colors=color, lw=width))
     if prices is not None:
-        price = np.asarray(prices)[step]
-        ax.scatter(
-            *places.T,
-            s=4 + 3 * size,
-            c=price,
-            cmap=HEAT,
-            vmin=0,
-            marker="s",
-            lw=0.3,
-            edgecolors=MUTED,
-            zorder=3,
-        )
+        look = {"cmap": HEAT, "vmin": 0.0, "lw": 0.3, "edgecolors": MUTED, "zorder": 3}
+        _dots(ax, places, 4 + 3 * size, np.asarray(prices)[step], marker="s", **look)
     else:
-        ax.scatter(*places[~served].T, s=size[~served], c=_FREE, marker="s", lw=0, zorder=3)
-        ax.scatter(*places[served].T, s=1.4 * size[served], c=_SERVED, marker="s", lw=0, zorder=3)
-    ax.scatter(*here[~busy].T, s=7, c=MUTED, lw=0, alpha=0.6, zorder=4)
-    ax.scatter(*here[busy].T, s=9, c=BEST, lw=0, zorder=4)
+        _dots(ax, places[~served], size[~served], _FREE, marker="s", zorder=3)
+        _dots(ax, places[served], 1.4 * size[served], _SERVED, marker="s", zorder=3)
+    _dots(ax, here[~busy], 7, MUTED, alpha=0.6, zorder=4)
+    _dots(ax, here[busy], 9, BEST, zorder=4)
     highest = min(90.0, max(60.0, float(np.abs(here[:, 1]).max()) + 7.0))
     ax.set(xlim=(-180, 180), ylim=(-highest, highest), aspect="equal")
     ax.set_xticks(range(-180, 181, 60))
@@ -110,6 +100,10 @@ def world_map(
     for spine in ax.spines.values():
         spine.set_visible(False)
     return ax
+
+
+def _dots(ax: Axes, at: FloatArray, size: Any, color: Any, **look: Any) -> None:
+    ax.scatter(at[:, 0], at[:, 1], s=size, c=color, **({"lw": 0} | look))
 
 
 def ground_tracks_deg(positions_km: FloatArray) -> FloatArray:
