@@ -59,6 +59,8 @@ def plain_value(problem: SAP, plan: Any) -> float:
             eta = -_charges(problem.dynamics, state, tasks[k], benefit)
         else:
             eta = problem.handover(k, state)[agents, tasks[k]]
+            if hasattr(problem.model, "interaction"):
+                eta = eta + problem.model.interaction(k, tasks[k])
         if not np.isfinite(benefit + eta).all():
             raise ValueError(f"the plan uses a forbidden pair at step {k}")
         terms += (benefit + eta).tolist()

@@ -20,6 +20,7 @@ class Method:
     about: str
     parameter: str | None = None
     default: int | None = None
+    options: tuple[tuple[str, Any], ...] = ()
 
 
 METHODS = (
@@ -39,6 +40,8 @@ METHODS = (
     ),
     Method("dual-decomposition", "DualDecomposition", "the whole horizon with task prices; proves a bound"),
     Method("exact", "Exact", "an optimal plan, if time allows; proves a bound"),
+    Method("exact-dp", "Exact", "the same for tiny problems of any dynamics", options=(("method", "dp"),)),
+    Method("iterated", "IteratedAssignment", "alpha again and again, for benefits that interact"),
 )
 
 
@@ -94,7 +97,7 @@ def parse_solver(spec: str, number: int | None = None) -> NamedSolver:
     if method.parameter is None:
         if number is not None:
             raise ValueError(f"solver {method.name!r} takes no number, got {number}")
-        return NamedSolver(method.name, cls())
+        return NamedSolver(method.name, cls(**dict(method.options)))
     value = method.default if number is None else number
     return NamedSolver(f"{method.name}:{value}", cls(**{method.parameter: value}))
 

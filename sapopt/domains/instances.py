@@ -359,3 +359,19 @@ def _tracking(
         resolution=resolution,
         arrivals_per_step=arrivals,
     )
+
+
+@register(
+    "interference",
+    "constellation-mid, where two tasks closer than 600 km lose up to 0.8 if both are served; Holder 2024, 7.2",
+    (93, 324, 450),
+)
+def _interference(
+    seed: int, steps: int = 93, tasks: int = 450, planes: int = 18, per_plane: int = 18, strength: float = 0.8
+) -> Scenario:
+    from sapopt.domains import constellation as c
+    from sapopt.domains.interference import DisturbedBeams
+
+    ground = c.random_tasks(tasks, seed)
+    shell = c.WalkerShell(planes, per_plane, 58.0, 550.0)
+    return DisturbedBeams(c.walker_constellation(shell, ground, steps), strength=strength)

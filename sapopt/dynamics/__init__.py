@@ -4,6 +4,7 @@ from sapopt.dynamics.agent_local import AgentLocal, LocalStates
 from sapopt.dynamics.base import Dynamics
 from sapopt.dynamics.battery import Battery, BatteryState
 from sapopt.dynamics.dictator import Dictator
+from sapopt.dynamics.interference import Interference
 from sapopt.dynamics.ride_hailing import RideHailing
 from sapopt.dynamics.slewing import SlewCost
 from sapopt.dynamics.switching import SwitchingCost
@@ -16,6 +17,7 @@ __all__ = [
     "BatteryState",
     "Dictator",
     "Dynamics",
+    "Interference",
     "LocalStates",
     "RideHailing",
     "SlewCost",

@@ -26,6 +26,8 @@ class Dynamics(Protocol):
       ``path_oracle``, nothing can be proven about the optimum.
     - ``key(state)``: a hashable fingerprint, so that equal states are solved once.
     - ``bind(benefits)``: a copy that knows the benefits, for a handover that depends on them.
+    - ``interaction(k, assignments)``: terms of a step that depend on the whole assignment and that no matrix can hold
+      (`sapopt.dynamics.interference.Interacting`); ``handover_at`` must then contain them.
     - ``path_oracle(benefits, state)``: the agents' longest priced paths (`sapopt.dynamics.local.PathOracle`) of an
       agent-local model; gives bounds and dual solvers.
     """

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from sapopt.solvers.distributed import CBBA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.haal import HAA, HAAL
+from sapopt.solvers.iterated import IteratedAssignment
 from sapopt.solvers.policy import AssignmentPolicy, Greedy, NoHandover, energy_price, myopic, power_constrained
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ __all__ = [
     "DualLookahead",
     "Exact",
     "Greedy",
+    "IteratedAssignment",
     "NoHandover",
     "energy_price",
     "myopic",

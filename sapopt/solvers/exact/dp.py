@@ -98,6 +98,8 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
             hat = problem.beta_hat(k, state)
             allowed |= np.isfinite(hat)
             worth = hat[agents, rows].sum(axis=1)
+            if hasattr(problem.model, "interaction"):  # terms that no matrix holds
+                worth += problem.model.interaction(k, rows).sum(axis=1)
             for r in np.flatnonzero(worth > -np.inf):
                 following = problem.transition(k, state, rows[r])
                 key = fingerprint(problem, following)
