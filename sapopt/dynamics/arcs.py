@@ -132,6 +132,34 @@ class ArcPaths:
             usage += cheapest * (idling / np.maximum(cheapest.sum(axis=1, keepdims=True), 1))
         return values, usage
 
+    def place(self, order: IntArray, closed: FloatArray, prices: FloatArray, plan: IntArray) -> None:
+        """Let the agents of `order` move one by one: each gives up its cells and takes its best open path.
+
+        Parameters
+        ----------
+        order : ndarray of int64
+        closed : ndarray of float64, shape (T, m)
+            Prices, not negative, with +inf at the cells that `plan` holds; kept so, in place.
+        prices : ndarray of float64, shape (T, m)
+            Prices of open cells.
+        plan : ndarray of int64, shape (T, n)
+            A feasible plan; changed in place.
+        """
+        g = self.graph
+        kernels.place(
+            g.arcs,
+            g.node_ptr,
+            g.rows,
+            g.source,
+            self._own,
+            g.listed_ptr,
+            g.listed,
+            order,
+            closed,
+            prices,
+            plan,
+        )
+
     def _paths(self, p: FloatArray, agents: IntArray, low: int, high: int) -> tuple[FloatArray, IntArray]:
         g = self.graph
         T = g.shape[0]

@@ -154,3 +154,52 @@ def values_of_first(arcs, source, value, rows, listed_ptr, listed, m):
             if task[a] >= 0:
                 out[i, task[a]] = gain[a] + value[head[a]]
     return out
+
+
+@njit(cache=True, nogil=True)
+def place(arcs, node_ptr, rows, source, own, listed_ptr, listed, order, closed, prices, plan):
+    """Move the agents of `order` one by one to their best paths through open cells, see `PlacingOracle.place`."""
+    first, head, task, gain = arcs
+    T, m = prices.shape
+    value = np.zeros(node_ptr[-1])
+    choice = np.empty(node_ptr[-1], dtype=np.int64)
+    idle_task = np.empty(T, dtype=np.int64)
+    idle_price = np.empty(T)
+    path = np.empty(T, dtype=np.int64)
+    for i in order:
+        r = i if rows > 1 else 0
+        for k in range(T):
+            closed[k, plan[k, i]] = prices[k, plan[k, i]]
+        for k in range(T):
+            begin, end = listed_ptr[k * rows + r], listed_ptr[k * rows + r + 1]
+            j = own[i]
+            # A task that is the agent's own and costs nothing needs no search; it is what nearly always happens.
+            if closed[k, j] > 0.0 or _is_listed(listed, begin, end, j):
+                j = -1
+                for q in range(m):
+                    if (j < 0 or closed[k, q] < closed[k, j]) and not _is_listed(listed, begin, end, q):
+                        j = q
+            idle_task[k] = max(j, 0)
+            idle_price[k] = closed[k, j] if j >= 0 else np.inf
+        for k in range(T - 1, -1, -1):
+            for v in range(node_ptr[k * rows + r], node_ptr[k * rows + r + 1]):
+                best = -np.inf
+                arc = -1
+                for a in range(first[v], first[v + 1]):
+                    j = task[a]
+                    x = gain[a] + value[head[a]] - (idle_price[k] if j < 0 else closed[k, j])
+                    if x > best:
+                        best = x
+                        arc = a
+                value[v] = best
+                choice[v] = arc
+        v = source[i]
+        if value[v] > -np.inf:
+            for k in range(T):
+                a = choice[v]
+                path[k] = task[a] if task[a] >= 0 else idle_task[k]
+                v = head[a]
+            for k in range(T):
+                plan[k, i] = path[k]
+        for k in range(T):
+            closed[k, plan[k, i]] = np.inf

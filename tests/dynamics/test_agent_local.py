@@ -76,6 +76,35 @@ def test_prices_of_infinity_forbid(make: Make) -> None:
 
 
 @makers
+def test_placing_is_one_best_path_after_the_other(make: Make) -> None:
+    for seed in range(4):
+        problem = make(seed)
+        compiled, _ = oracles(problem)
+        prices = random_prices(problem, seed)
+        plan = solve(problem, HAA()).plan.copy()
+        expected, steps = plan.copy(), np.arange(problem.T)
+        closed = prices.copy()
+        closed[steps[:, None], plan] = np.inf
+        still = closed.copy()
+        order = np.random.default_rng(seed).permutation(problem.n)
+        compiled.place(order, closed, prices, plan)
+        for i in order:
+            still[steps, expected[:, i]] = prices[steps, expected[:, i]]
+            value, path = compiled.best_path(i, still)
+            state, worth = problem.initial_state(), 0.0
+            for k in range(problem.T):  # ties may differ, the value may not
+                row = np.delete(np.arange(problem.m), plan[k, i])[: problem.n]
+                row[i] = plan[k, i]
+                worth += problem.beta_hat(k, state)[i, plan[k, i]] - still[k, plan[k, i]]
+                state = problem.transition(k, state, row)
+            assert worth == pytest.approx(value)
+            expected[:, i] = plan[:, i]
+            still[steps, expected[:, i]] = np.inf
+        np.testing.assert_array_equal(closed, still)
+        problem.check_plan(plan)
+
+
+@makers
 def test_soft_paths(make: Make) -> None:
     """Cold: the hard values from above. Usage is the gradient, by differences, and adds up to one task an agent."""
     problem = make(2)
