@@ -190,9 +190,13 @@ class ReachableStates:
             out.append(layers)
         return out
 
+    @cached_property
+    def _count(self) -> int:
+        return max(len(layer) for layers in self._states for layer in layers)
+
     def state_count(self) -> int:
         """The largest number of states that an agent can be in before a step."""
-        return max(len(layer) for layers in self._states for layer in layers)
+        return self._count
 
     def start(self, agent: int) -> int:
         """The only state there is before the first step."""
@@ -202,7 +206,7 @@ class ReachableStates:
         """Successor and handover, both (S, m); rows of states that cannot occur hold zeros."""
         here, onward = self._states[agent][k], self._states[agent][k + 1]
         eta, after, listed = self._moves(k, agent, here)
-        S, m = self.state_count(), self.window.shape[2]
+        S, m = self._count, self.window.shape[2]
         successor = np.zeros((S, m), dtype=np.int64)
         handover = np.zeros((S, m))
         places = np.searchsorted(onward, after)
