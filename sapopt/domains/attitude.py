@@ -63,10 +63,9 @@ class Attitude:
 
     def draw(self, plan: IntArray, ax: Axes | None = None) -> Axes:
         """Draw how far the satellites turn: the slews of every step as dots, and their sum as a line."""
-        from sapopt.domains.drawing import axes
-        from sapopt.plotting import PALETTE
+        from sapopt.plotting.style import PALETTE, axes_or_new, despine
 
-        ax = axes(ax, (7.2, 3.4))
+        ax = axes_or_new(ax, (7.2, 3.4))
         slews = self.slews_deg(plan)
         step, _ = np.nonzero(slews > 0)
         ax.plot(step, slews[slews > 0], ".", ms=3, color=PALETTE[0], alpha=0.35, label="slew of a satellite")
@@ -80,4 +79,5 @@ class Attitude:
         ax.set_title(
             f"{(slews > 0).sum():,} slews, {slews.sum():,.0f} degrees in all", fontsize=9, loc="left"
         )
+        despine(ax)
         return ax

@@ -145,10 +145,9 @@ class PowerSystem:
 
     def draw(self, plan: IntArray, ax: Axes | None = None) -> Axes:
         """Draw the output of the units, stacked from the cheapest fuel to the dearest, against the demand."""
-        from sapopt.domains.drawing import axes
-        from sapopt.plotting import PALETTE
+        from sapopt.plotting.style import PALETTE, axes_or_new, despine
 
-        ax = axes(ax, (8.0, 3.8))
+        ax = axes_or_new(ax, (8.0, 3.8))
         served = self.output_mw(plan)
         order = np.argsort(self.fuel_per_mwh, kind="stable")
         hours = np.arange(len(served) + 1) * self.step_h
@@ -175,6 +174,7 @@ class PowerSystem:
         ax.set_xlabel("hour")
         ax.set_ylabel("MW")
         ax.legend(frameon=False, fontsize=9, loc="lower left", bbox_to_anchor=(0, 1.01), ncols=2)
+        despine(ax)
         return ax
 
 

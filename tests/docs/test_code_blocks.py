@@ -36,7 +36,7 @@ def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     namespace: dict[str, object] = {"__name__": "docs"}
     for line, code in blocks(page):
         # Empty lines put the block where it stands in the page, so that a traceback names the right line.
-        exec(compile("\n" * (line - 1) + code, str(page), "exec"), namespace)
+        exec(compile("\n" * (line - 1) + code, str(page), "exec", dont_inherit=True), namespace)
 
 
 def test_pages_are_found() -> None:

@@ -104,10 +104,9 @@ class City:
         """Draw the requests on the map: rides as lines from pick-up to drop-off, the unserved as crosses."""
         from matplotlib.collections import LineCollection
 
-        from sapopt.domains.drawing import axes
-        from sapopt.plotting import PALETTE
+        from sapopt.plotting.style import PALETTE, axes_or_new, despine
 
-        ax = axes(ax, (5.6, 5.6))
+        ax = axes_or_new(ax, (5.6, 5.6))
         served = np.array([request for _, request, _, _ in self.rides(plan, cost)], dtype=np.int64)
         ends = np.stack([self.places_km[self.pick_up[served]], self.places_km[self.drop_off[served]]], axis=1)
         ax.add_collection(LineCollection(list(ends), colors=PALETTE[0], linewidths=0.8, alpha=0.4))
@@ -123,6 +122,7 @@ class City:
         ax.set_xlabel("east (km)")
         ax.set_ylabel("north (km)")
         ax.legend(frameon=False, fontsize=9, loc="lower left", bbox_to_anchor=(0, 1.01))
+        despine(ax)
         return ax
 
 
