@@ -5,16 +5,20 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sapopt.dynamics import first_rows as rows
 from sapopt.dynamics import switching_paths_first as first
 from sapopt.dynamics import switching_paths_kernels as kernels
+from sapopt.dynamics import switching_paths_narrow as narrow
 from sapopt.dynamics import switching_paths_soft as soft
 from sapopt.dynamics import switching_paths_soft_idle as soft_idle
+from sapopt.dynamics.first_rows import FirstRows
 from sapopt.dynamics.local import FloatArray, IntArray, PathOracle
 
 
@@ -42,6 +46,8 @@ class _Switching:
         _, n, m = self._shape
         if np.isnan(self.data).any() or np.isposinf(self.data).any():
             raise ValueError("benefits: NaN or +inf found; use finite numbers, or -inf for a forbidden pair")
+        finite = self.data[np.isfinite(self.data)]
+        self._scale = float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
         self.start = np.full(n, -1, dtype=np.int64)
         if state is not None:
             held = np.asarray(state, dtype=np.int64)
@@ -59,8 +65,7 @@ class _Switching:
     @property
     def scale(self) -> float:
         """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
-        finite = self.data[np.isfinite(self.data)]
-        return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+        return self._scale
 
     def _prices(self, prices: FloatArray) -> FloatArray:
         T, _, m = self._shape
@@ -129,6 +134,60 @@ class StrictSwitching(_Switching):
             *self._rows(), self.cost, False, self.start, self._prices(prices)
         )
         return values
+
+    def first_rows(self, prices: FloatArray) -> FirstRows:
+        """`first_values` in sparse form."""
+        p = self._prices(prices)
+        table = kernels.parking_table(p, self.excluded)[0] if self.park else np.zeros((1, 1))
+        values, leave = rows.slot_values(
+            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
+            self.park, table,
+        )  # fmt: skip
+        dues = rows.waiting_dues(p, self.excluded)
+        if not self.park:  # every task is listed
+            leave, dues = leave[:, :0], dues[:0]
+        return FirstRows(*rows.sorted_rows(self.slot_ptr, self.slot_task, values, leave, dues), leave, dues)
+
+    def narrowed(self, prices: FloatArray, regret: float) -> StrictSwitching:
+        """The same problem without the benefits that no path within `regret` of its agent's best one collects."""
+        p = self._prices(prices)
+        table = kernels.parking_table(p, self.excluded)[0] if self.park else np.zeros((1, 1))
+        near = narrow.near_entries(
+            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
+            self.park, table, regret, self._chunks(),
+        )  # fmt: skip
+        return self._with_entries(
+            self._shape[0], *narrow.kept_rows(self.indptr, self.indices, self.data, near), self.start
+        )
+
+    def blocks(self, length: int) -> list[StrictSwitching]:
+        """The problem cut into blocks of `length` steps; the later ones begin with a free step."""
+        T, n, _ = self._shape
+        found = []
+        for begin in range(0, T, length):
+            last = min(begin + length, T)
+            starts = self.indptr[begin * n : last * n + 1]
+            entries = slice(starts[0], starts[-1])
+            start = self.start if begin == 0 else np.full(n, -1, dtype=np.int64)
+            found.append(
+                self._with_entries(
+                    last - begin, starts - starts[0], self.indices[entries], self.data[entries], start
+                )
+            )
+        return found
+
+    def _with_entries(
+        self, T: int, indptr: IntArray, indices: NDArray[np.int32], data: FloatArray, start: IntArray
+    ) -> StrictSwitching:
+        _, n, m = self._shape
+        other = copy.copy(self)
+        other._shape = T, n, m
+        other.indptr, other.indices, other.data, other.start = indptr, indices, data, start
+        always = self.excluded if self.park else np.ones(m, dtype=np.bool_)
+        other.slot_ptr, other.slot_task, other.entry_slot = kernels.seen_tasks(
+            indptr, indices, n, T, m, start, always
+        )
+        return other
 
     @property
     def coldest(self) -> float:

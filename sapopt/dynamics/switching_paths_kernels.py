@@ -33,33 +33,41 @@ def seen_tasks(indptr, indices, n, T, m, extra, always):
     """
     slot_ptr = np.zeros(n + 1, np.int64)
     entry_slot = np.empty(indices.size, np.int32)
-    mark = np.zeros(m, np.bool_)
+    stamp = np.zeros(m, np.int64)  # i + 1 where agent i has the task
     where = np.empty(m, np.int32)
-    chunks = np.empty(max(16, 4 * n), np.int32)
+    tasks = np.empty(max(16, 4 * n), np.int32)
     total = 0
+    everyone = np.flatnonzero(always)
     for i in range(n):
-        mark[:] = always
-        if extra[i] >= 0:
-            mark[extra[i]] = True
+        if total + m > tasks.size:
+            bigger = np.empty(2 * tasks.size + m, np.int32)
+            bigger[:total] = tasks[:total]
+            tasks = bigger
+        for j in everyone:
+            stamp[j] = i + 1
+            tasks[total] = j
+            total += 1
+        if extra[i] >= 0 and stamp[extra[i]] <= i:
+            stamp[extra[i]] = i + 1
+            tasks[total] = extra[i]
+            total += 1
         for k in range(T):
             r = k * n + i
             for e in range(indptr[r], indptr[r + 1]):
-                mark[indices[e]] = True
-        for j in range(m):
-            if mark[j]:
-                if total == chunks.size:
-                    bigger = np.empty(2 * chunks.size, np.int32)
-                    bigger[:total] = chunks
-                    chunks = bigger
-                where[j] = total - slot_ptr[i]
-                chunks[total] = j
-                total += 1
+                j = indices[e]
+                if stamp[j] <= i:
+                    stamp[j] = i + 1
+                    tasks[total] = j
+                    total += 1
+        tasks[slot_ptr[i] : total].sort()
+        for s in range(slot_ptr[i], total):
+            where[tasks[s]] = s - slot_ptr[i]
         slot_ptr[i + 1] = total
         for k in range(T):
             r = k * n + i
             for e in range(indptr[r], indptr[r + 1]):
                 entry_slot[e] = where[indices[e]]
-    return slot_ptr, chunks[:total].copy(), entry_slot
+    return slot_ptr, tasks[:total].copy(), entry_slot
 
 
 @njit(cache=True, parallel=True, fastmath=_FAST)

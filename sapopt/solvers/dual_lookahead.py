@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.dynamics.local import FirstValueOracle, SoftPathOracle
+from sapopt.dynamics.first_rows import FirstRowsOracle
+from sapopt.dynamics.local import FirstValueOracle, PathOracle, SoftPathOracle
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.formulations.dual.subgradient import Subgradient
@@ -64,30 +65,40 @@ class DualLookahead:
         """Prices of the window, then one assignment problem."""
         benefits = outlook.benefits(self.window)
         oracle = outlook.model.path_oracle(benefits, outlook.state)
-        if not isinstance(oracle, FirstValueOracle):
+        if not isinstance(oracle, (FirstRowsOracle, FirstValueOracle)):
             raise ValueError(
                 f"DualLookahead: the path oracle of {type(outlook.problem.dynamics).__name__} has no first_values"
             )
         T, _, m = oracle.shape
         if T == 1:
-            return outlook.assign(oracle.first_values(np.zeros((1, m)))), None
+            return self._assigned(outlook, oracle, np.zeros((1, m))), None
         prices = np.zeros((T, m))
         if memory is not None:
             known = min(T, len(memory) - 1)
             prices[:known] = memory[1 : known + 1]
         prices = self._priced(oracle, prices, memory is None, outlook.check)
-        return outlook.assign(oracle.first_values(prices)), prices
+        return self._assigned(outlook, oracle, prices), prices
+
+    @staticmethod
+    def _assigned(outlook: Outlook, oracle: PathOracle, prices: FloatArray) -> IntArray:
+        if isinstance(oracle, FirstRowsOracle):
+            return oracle.first_rows(prices).assign()
+        assert isinstance(oracle, FirstValueOracle)
+        return outlook.assign(oracle.first_values(prices))
 
     def _priced(
-        self, oracle: FirstValueOracle, prices: FloatArray, first: bool, check: Callable[[], None]
+        self, oracle: PathOracle, prices: FloatArray, first: bool, check: Callable[[], None]
     ) -> FloatArray:
         iterations = 4 * self.iterations if first else self.iterations
         if isinstance(oracle, SoftPathOracle):
             descent = SmoothDescent(iterations, hot=0.5 if first else 0.1, cold=0.02, rate=0.2)
             state = descent.begin(prices)
-            for _ in range(iterations):
+            cheaper = None
+            for iteration in range(iterations):
                 check()
-                state = descent.step(oracle, state)
+                if iteration % 10 == 0:
+                    cheaper, state = descent.cheaper(oracle, state)
+                state = descent.step(oracle, state, cheaper)
             return lowered(state.prices)
         method = Subgradient(length=0.5)
         walk = method.begin(prices, 1.0)

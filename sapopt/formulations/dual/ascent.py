@@ -183,12 +183,17 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
     smooth, descent = state.smooth, state.descent
     assert smooth is not None
     wanted = descent.iterations
+    cheaper = None
+    began, pace = time.monotonic(), 0.0
     while smooth.iteration < descent.iterations:
-        began = time.monotonic()
-        smooth = descent.step(oracle, smooth)
+        if smooth.iteration % 10 == 0 or cheaper is None:
+            cheaper, smooth = descent.cheaper(oracle, smooth)
+        smooth = descent.step(oracle, smooth, cheaper)
         now = time.monotonic()
-        if np.isfinite(watch.stop_at) and smooth.iteration > 1:  # the first step may have had to compile
-            done, affordable = smooth.iteration, 0.75 * (watch.stop_at - now) / max(now - began, 1e-9)
+        done, spent, began = smooth.iteration, now - began, now
+        if np.isfinite(watch.stop_at) and done > 1:  # the first step may have had to compile
+            pace = spent if pace == 0.0 else 0.85 * pace + 0.15 * spent
+            affordable = 0.9 * (watch.stop_at - now) / max(pace, 1e-9)
             if done == 2 and wanted == _USUAL:
                 wanted = int(np.clip(0.4 * affordable, _USUAL, min(3 * _USUAL, 0.6 * watch.max_iterations)))
             remaining = max(0, min(wanted - done, int(affordable)))

@@ -11,11 +11,55 @@ do by alternating; where there is no spare task that decides everything.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from sapopt.dynamics.local import FloatArray, SoftPathOracle
+
+
+@runtime_checkable
+class NarrowingOracle(SoftPathOracle, Protocol):
+    """An oracle that can leave out what no good path uses."""
+
+    def narrowed(self, prices: FloatArray, regret: float) -> SoftPathOracle:
+        """The same problem without what no path within `regret` of its agent's best one uses."""
+
+    def blocks(self, length: int) -> Sequence[SoftPathOracle]:
+        """The problem cut into blocks of `length` steps that know nothing of each other."""
+
+
+_REACH = 15.0
+"""Regret, in temperatures, up to which an entry stays in a narrowed oracle: a weight of 3e-7, and room for the prices
+to move in."""
+
+_WORTHWHILE = 2.0
+"""Regret, in typical benefits, above which hardly anything could be left out."""
+
+_BLOCK = 16
+"""Steps of a block. While the temperature is that high, steps far apart have little to do with each other; the work
+grows with the square of the horizon, for an agent comes to see ever more tasks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Soft paths of blocks of steps, one after another, as if every block began anew."""
+
+    parts: Sequence[SoftPathOracle]
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Values (n,), summed over the blocks, and usage (T, m)."""
+        usages = []
+        first = 0
+        for part in self.parts:
+            last = first + part.shape[0]
+            values, usage = part.soft_paths(prices[first:last], temperature)
+            total = values if first == 0 else total + values
+            usages.append(usage)
+            first = last
+        return total, np.concatenate(usages)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +111,25 @@ class SmoothDescent:
         """Temperature of a step."""
         return max(self.relative(iteration) * oracle.scale, 1.05 * oracle.coldest, 1e-12)
 
-    def step(self, oracle: SoftPathOracle, state: SmoothState) -> SmoothState:
-        """One evaluation and one step."""
+    def cheaper(
+        self, oracle: SoftPathOracle, state: SmoothState
+    ) -> tuple[SoftPathOracle | Blocks, SmoothState]:
+        """An oracle that does for the next few steps (about ten), and the state to go on from with it."""
+        if not isinstance(oracle, NarrowingOracle):
+            return oracle, state
+        # the values of two oracles differ, so the next one is not to be compared with the last one
+        anew = replace(state, value=np.inf)
+        regret = _REACH * self.temperature(oracle, state.iteration)
+        if regret <= _WORTHWHILE * oracle.scale:
+            return oracle.narrowed(state.point, regret), anew
+        return (Blocks(oracle.blocks(_BLOCK)), anew) if oracle.shape[0] >= 2 * _BLOCK else (oracle, state)
+
+    def step(
+        self, oracle: SoftPathOracle, state: SmoothState, cheaper: SoftPathOracle | Blocks | None = None
+    ) -> SmoothState:
+        """One evaluation, by a cheaper oracle if there is one, and one step."""
         eps = self.temperature(oracle, state.iteration)
-        values, usage = oracle.soft_paths(state.point, eps)
+        values, usage = (cheaper or oracle).soft_paths(state.point, eps)
         value = float(values.sum() + state.point.sum())
         if not np.isfinite(value) or value > state.value + 1e-9 * abs(state.value):
             # The dual only falls as eps falls, so this went too far: by momentum, or else because the step is too long.
