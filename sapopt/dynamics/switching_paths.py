@@ -146,7 +146,8 @@ class StrictSwitching(_Switching):
         dues = rows.waiting_dues(p, self.excluded)
         if not self.park:  # every task is listed
             leave, dues = leave[:, :0], dues[:0]
-        return FirstRows(*rows.sorted_rows(self.slot_ptr, self.slot_task, values, leave, dues), leave, dues)
+        row_start, tasks, values = rows.sorted_rows(self.slot_ptr, self.slot_task, values, leave, dues)
+        return FirstRows(row_start, tasks, values, leave, dues)
 
     def narrowed(self, prices: FloatArray, regret: float) -> StrictSwitching:
         """The same problem without the benefits that no path within `regret` of its agent's best one collects."""
@@ -156,9 +157,8 @@ class StrictSwitching(_Switching):
             self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
             self.park, table, regret, self._chunks(),
         )  # fmt: skip
-        return self._with_entries(
-            self._shape[0], *narrow.kept_rows(self.indptr, self.indices, self.data, near), self.start
-        )
+        indptr, indices, data = narrow.kept_rows(self.indptr, self.indices, self.data, near)
+        return self._with_entries(self._shape[0], indptr, indices, data, self.start)
 
     def blocks(self, length: int) -> list[StrictSwitching]:
         """The problem cut into blocks of `length` steps; the later ones begin with a free step."""

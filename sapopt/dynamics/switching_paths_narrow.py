@@ -5,6 +5,8 @@ recursion an entry of regret r has weight exp(-r / temperature) at most, so far 
 the prices are good and the temperature is low.
 """
 
+# mypy: allow-untyped-defs, allow-untyped-calls
+
 from __future__ import annotations
 
 import numpy as np

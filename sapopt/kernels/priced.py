@@ -197,7 +197,8 @@ def _augment(
                 break
             offset = key - least[b]
             for free in (True, False):
-                for j in range(m):
+                for t in range(m):
+                    j = np.int64(t)
                     reach = max(key, offset + dues[b, j] + p[j])
                     if reach < end and (owner[j] < 0) == free and reach < dist[j] and not done[j]:
                         if dist[j] == np.inf:
@@ -206,7 +207,7 @@ def _augment(
                         dist[j] = reach
                         via[j] = hub_from[b]
                         if free:
-                            end, end_task = reach, np.int64(j)
+                            end, end_task = reach, j
                             if reach == key:
                                 lowest[b] = j
                         else:

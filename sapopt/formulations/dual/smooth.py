@@ -51,15 +51,15 @@ class Blocks:
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Values (n,), summed over the blocks, and usage (T, m)."""
-        usages = []
+        values, usages = [], []
         first = 0
         for part in self.parts:
             last = first + part.shape[0]
-            values, usage = part.soft_paths(prices[first:last], temperature)
-            total = values if first == 0 else total + values
+            value, usage = part.soft_paths(prices[first:last], temperature)
+            values.append(value)
             usages.append(usage)
             first = last
-        return total, np.concatenate(usages)
+        return np.sum(values, axis=0), np.concatenate(usages)
 
 
 @dataclass(frozen=True, eq=False)
