@@ -100,7 +100,7 @@ def run_auctions(
     rows = [gain_rows(matrix) for matrix in matrices]
     bidders = n if scaling is None else m
     prices = scene.closed_prices(len(rows))
-    owners = np.full(prices.shape, -1, dtype=np.int32)
+    owners = np.full(prices.shape, -1, dtype=np.int32)  # (auctions, m, n), as the prices
     spread = spread_over(bidders, m)
     mine = np.empty((len(rows), bidders), dtype=np.int64)
     agreed = np.ones(n, dtype=bool)
@@ -110,8 +110,8 @@ def run_auctions(
         row = rows[a]
         owners[a] = -1
         mine[a], entries, bids, stuck = auction(
-            network.link_start, network.links, row.row_start, row.tasks, row.gains, row.held, row.held_gain,
-            spread, prices[a], owners[a], eps, _range(row), bidders, max_rounds,
+            *network.rings, row.row_start, row.tasks, row.gains, row.held, row.held_gain, spread,
+            prices[a], owners[a], eps, _range(row), bidders, max_rounds,
         )  # fmt: skip
         if stuck >= 0:
             raise InfeasibleError(f"agent {stuck} has no task that it may take")
@@ -126,7 +126,7 @@ def run_auctions(
             played = [play(a, eps) for a in range(len(rows))]
         agreed &= _account(scene.simulator, network, played, max_rounds)
     tasks = np.where(agreed, mine[:, :n], -1)
-    return Auctions(tasks, agreed, prices, owners)
+    return Auctions(tasks, agreed, prices.transpose(0, 2, 1), owners.transpose(0, 2, 1))
 
 
 def _range(row: GainMatrix) -> float:

@@ -4,6 +4,11 @@
 Every agent has its own table of prices and bidders, all tasks, and merges its neighbours' tables into it: of two
 entries the higher price wins, at equal prices the higher number of the bidder. Since tables only grow, it is enough to
 send the entries that changed; the agents then know what they would know from whole tables.
+
+What an agent knows is thus the highest of all bids that were made long enough ago for its distance. So the kernel need
+not pass packets from link to link: a bid changes the tables one ring of agents around the bidder after the other, and
+fades out where a whole ring knows better. The tables, and the entries that change in every round, are the same
+(`tests/solvers/distributed/test_auction.py` plays the packets).
 """
 
 from __future__ import annotations
@@ -77,21 +82,21 @@ def best_bid(
 
 @njit(cache=True, nogil=True)
 def auction(
-    link_start, links, row_start, tasks, gains, held, held_gain, spread, price, bidder,
+    ring_start, ring_agents, row_start, tasks, gains, held, held_gain, spread, price, bidder,
     epsilon, widest, bidders, max_rounds,
 ):  # fmt: skip
     """Play one auction until nothing changes or the round limit is reached.
 
     Parameters
     ----------
-    link_start, links : arrays
-        Adjacency lists of the n agents.
+    ring_start, ring_agents : arrays
+        Agents by their distance from each of the n agents, see `Network.rings`.
     row_start, tasks, gains, held, held_gain : arrays
         Gains as in `sapopt.matrices.GainMatrix`.
     spread : ndarray of int64, shape (bidders,)
         See `best_bid`.
-    price, bidder : ndarray, shape (n, m)
-        What every agent knows; changed in place. A price of +inf closes a task to the agent.
+    price, bidder : ndarray, shape (m, n)
+        What every agent knows of every task; changed in place. A price of +inf closes a task to the agent.
     epsilon, widest : float
         Least raise of a bid; raise (before epsilon) by an agent that has only one task to choose from.
     bidders : int
@@ -109,66 +114,73 @@ def auction(
     stuck : int
         An agent to whom no task is open, or -1.
     """
-    n = len(link_start) - 1
-    m = price.shape[1]
+    m, n = price.shape
+    widths = ring_start.shape[1] - 1
     mine = np.full(bidders, -1, np.int64)
-    news_task = np.empty((2, n, m), np.int32)
-    news_price = np.empty((2, n, m))
-    news_bidder = np.empty((2, n, m), np.int32)
-    news = np.zeros((2, n), np.int64)
-    listed_at = np.full((n, m), -1, np.int32)  # round in which an entry was last put on the news
+    listed_at = np.full((m, n), -1, np.int32)  # round in which an entry last changed
     mark = np.full(m, -1, np.int64)
     stamp = 0
     room = 64
     entries = np.zeros((room, n), np.int32)
     bids = np.zeros((room + 1, n), np.int32)
+    made = 4 * bidders
+    bid_agent, bid_task = np.empty(made, np.int64), np.empty(made, np.int64)
+    bid_owner, bid_round = np.empty(made, np.int64), np.empty(made, np.int64)
+    bid_price = np.empty(made)
+    active = 0  # bids that still spread
     stuck = -1
     r = 0
     while True:
-        old, new = r & 1, 1 - (r & 1)  # round r hears list `old` and writes list `new`
         any_news = False
-        for i in range(n):
-            count = 0
-            if r > 0:
-                for e in range(link_start[i], link_start[i + 1]):
-                    k = links[e]
-                    for q in range(news[old, k]):
-                        j = news_task[old, k, q]
-                        p = news_price[old, k, q]
-                        b = news_bidder[old, k, q]
-                        if p > price[i, j] or (p == price[i, j] and b > bidder[i, j]):
-                            price[i, j] = p
-                            bidder[i, j] = b
-                            if listed_at[i, j] != r:
-                                listed_at[i, j] = r
-                                news_task[new, i, count] = j
-                                count += 1
-            for v in range(i, bidders, n):
-                if mine[v] >= 0 and bidder[i, mine[v]] == v:
-                    continue
-                stamp += 1
-                task, bid = best_bid(
-                    v, row_start, tasks, gains, held, held_gain, spread[v], price[i],
-                    epsilon, widest, mark, stamp,
-                )  # fmt: skip
-                if task < 0:
-                    stuck = v
-                    continue
-                mine[v] = task
-                price[i, task] = bid
-                bidder[i, task] = v
-                bids[r, i] += 1
-                if listed_at[i, task] != r:
-                    listed_at[i, task] = r
-                    news_task[new, i, count] = task
-                    count += 1
-            for q in range(count):
-                j = news_task[new, i, q]
-                news_price[new, i, q] = price[i, j]
-                news_bidder[new, i, q] = bidder[i, j]
-            news[new, i] = count
-            entries[r, i] = count
-            any_news |= count > 0
+        kept = 0
+        for q in range(active):
+            a, j, b, p = bid_agent[q], bid_task[q], bid_owner[q], bid_price[q]
+            d = r - bid_round[q]
+            fresh = False
+            for e in range(ring_start[a, d], ring_start[a, d + 1]):
+                i = ring_agents[a, e]
+                if p > price[j, i] or (p == price[j, i] and b > bidder[j, i]):
+                    price[j, i] = p
+                    bidder[j, i] = b
+                    fresh = True
+                    if listed_at[j, i] != r:
+                        listed_at[j, i] = r
+                        entries[r, i] += 1
+            any_news |= fresh
+            if fresh and d + 1 < widths:
+                bid_agent[kept], bid_task[kept], bid_owner[kept] = a, j, b
+                bid_price[kept], bid_round[kept] = p, bid_round[q]
+                kept += 1
+        active = kept
+        for v in range(bidders):
+            i = v % n
+            if mine[v] >= 0 and bidder[mine[v], i] == v:
+                continue
+            stamp += 1
+            task, bid = best_bid(
+                v, row_start, tasks, gains, held, held_gain, spread[v], price[:, i],
+                epsilon, widest, mark, stamp,
+            )  # fmt: skip
+            if task < 0:
+                stuck = v
+                continue
+            mine[v] = task
+            price[task, i] = bid
+            bidder[task, i] = v
+            bids[r, i] += 1
+            any_news = True
+            if listed_at[task, i] != r:
+                listed_at[task, i] = r
+                entries[r, i] += 1
+            if active == made:
+                bid_agent, bid_task = _longer(bid_agent), _longer(bid_task)
+                bid_owner, bid_round = _longer(bid_owner), _longer(bid_round)
+                bid_price = _longer(bid_price)
+                made *= 2
+            if widths > 1:
+                bid_agent[active], bid_task[active], bid_owner[active] = i, task, v
+                bid_price[active], bid_round[active] = bid, r
+                active += 1
         if stuck >= 0 or not any_news or r == max_rounds:
             break
         r += 1
@@ -177,6 +189,11 @@ def auction(
             bids = np.concatenate((bids, np.zeros((room, n), np.int32)))
             room *= 2
     return mine, entries[:r].copy(), bids[: r + 1].copy(), stuck
+
+
+@njit(cache=True, nogil=True)
+def _longer(array):
+    return np.concatenate((array, array))
 
 
 @njit(cache=True, nogil=True)

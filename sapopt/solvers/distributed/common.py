@@ -88,8 +88,8 @@ class Scene:
     dead: np.ndarray
 
     def closed_prices(self, count: int) -> np.ndarray:
-        """Starting prices of the agents, shape ``(count, n, m)``: zero, +inf for tasks they may not take."""
-        start = np.where(self.open_tasks, 0.0, np.inf)[self.component]
+        """Starting prices of the agents, shape ``(count, m, n)``: zero, +inf for tasks they may not take."""
+        start = np.where(self.open_tasks, 0.0, np.inf)[self.component].T
         return np.repeat(start[None], count, axis=0)
 
 

@@ -98,6 +98,23 @@ class Network:
         return hop_distances(self.link_start, self.links)
 
     @cached_property
+    def rings(self) -> tuple[IntArray, np.ndarray]:
+        """Agents by distance: those d hops from agent i are ``agents[i, start[i, d]:start[i, d + 1]]``.
+
+        ``start`` has shape ``(n, most distant + 2)``, ``agents`` ``(n, n)``; agents out of reach come last in no ring.
+        """
+        n, distances = self.n, self.distances
+        widths = int(distances.max()) + 1
+        far = np.where(distances < 0, np.int16(widths), distances)
+        agents = np.argsort(far, axis=1, kind="stable").astype(np.int32)
+        counts = np.bincount(
+            (np.arange(n)[:, None] * (widths + 1) + far).ravel(), minlength=n * (widths + 1)
+        ).reshape(n, widths + 1)
+        start = np.zeros((n, widths + 1), dtype=np.int64)
+        start[:, 1:] = np.cumsum(counts[:, :widths], axis=1)
+        return start, agents
+
+    @cached_property
     def components(self) -> IntArray:
         """Number of the connected component of every agent, shape ``(n,)``."""
         import scipy.sparse as sp
