@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 
 from sapopt.control import Run
-from sapopt.formulations import network as formulation
 from sapopt.formulations.highs import Answer, Ending, maximise
-from sapopt.formulations.network import Network, NetworkOracle
 from sapopt.problem import SAP
-from sapopt.solvers.exact.warm import Incumbent, Prices
+from sapopt.solvers.exact.forms import Form
+from sapopt.solvers.exact.warm import Incumbent
 from sapopt.types import FloatArray, IntArray
 
 _POOL = 6
-_NOISE = 0.1
-"""Relative noise on the prices that begin a new plan."""
+_REACH = 0.002
+"""Largest regret of a column in a neighbourhood, relative to the bound."""
 _SMALL, _LARGE = 7, 10
 """Agents or steps that are free in a quick descent, and in a thorough one."""
 
@@ -32,8 +31,13 @@ class Neighbourhoods:
 
     Parameters
     ----------
-    problem, network, prices
-        What is solved, and the regrets of its arcs.
+    problem : SAP
+    form : Form
+        The programme in which plans are improved, with the regrets of its columns.
+    sample : callable
+        ``sample(first) -> plan or None``, the beginning of another plan.
+    bound : float
+        Bound that the regrets belong to.
     run : Run
         Clock and random numbers.
     note : callable
@@ -43,36 +47,41 @@ class Neighbourhoods:
     def __init__(
         self,
         problem: SAP,
-        network: Network,
-        prices: Prices,
+        form: Form,
+        sample: Callable[[bool], IntArray | None],
+        bound: float,
         run: Run,
         note: Callable[[IntArray], float],
         tolerance: float,
     ) -> None:
         self.problem = problem
-        self.network = network
-        self.prices = prices
+        self.form = form
+        self.bound = bound
         self.run = run
         self.note = note
         self.tolerance = tolerance
-        self.scale = max(1.0, abs(prices.bound))
-        self.stop_at = 0.0
-        oracle: Any = NetworkOracle(network)
-        if hasattr(problem.model, "path_oracle"):
-            oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
-        self.oracle = oracle
+        self.scale = max(1.0, abs(bound))
+        self.stop_at = self.last = 0.0
+        self.quiet = np.inf
+        self.top = -np.inf
+        self.sample = sample
 
     @property
     def left(self) -> float:
         """Seconds until the deadline."""
         return min(self.stop_at - self.run.seconds, self.run.seconds_left)
 
-    def improve(self, best: Incumbent, seconds: float) -> Incumbent:
-        """Improve an incumbent for some seconds."""
+    def improve(self, best: Incumbent, seconds: float, quiet: float = np.inf) -> Incumbent:
+        """Improve an incumbent for some seconds, or until for `quiet` seconds nothing better was found."""
         self.stop_at = self.run.seconds + seconds
+        self.quiet = quiet
+        self.last = self.run.seconds
+        first = Incumbent().better(self.problem, self.sample(True))
+        best = self._kept(best, first)
         pool = [best := self._descend(best, _SMALL, 12)]
         while self._going(best):
-            other = self._descend(self._sample(), _SMALL, 12)
+            start = Incumbent().better(self.problem, self.sample(False))
+            other = self._descend(start, _SMALL, 12)
             if other.plan is not None:
                 pool = sorted([*pool, other], key=lambda entry: -entry.value)[:_POOL]
             best = self._mixture(pool, best)
@@ -82,27 +91,13 @@ class Neighbourhoods:
         return best
 
     def _going(self, best: Incumbent) -> bool:
-        if best.plan is not None and best.value >= self.prices.bound - self.tolerance * self.scale:
+        if best.plan is not None and best.value >= self.bound - self.tolerance * self.scale:
             return False
-        return self.left > 0 and not self.run.expired
-
-    def _sample(self) -> Incumbent:
-        """A plan from noisy prices: the agents in random order take their best path through what is left."""
-        T, n, m = self.network.shape
-        noise = 1.0 + _NOISE * self.run.rng.standard_normal((T, m))
-        prices: FloatArray = self.prices.prices * np.maximum(noise, 0.0)
-        plan = np.empty((T, n), dtype=np.int64)
-        for agent in self.run.rng.permutation(n):
-            value, path = self.oracle.best_path(int(agent), prices)
-            if not np.isfinite(value):
-                return Incumbent()
-            plan[:, agent] = path
-            prices[np.arange(T), path] = np.inf
-        return Incumbent().better(self.problem, plan)
+        return self.left > 0 and not self.run.expired and self.run.seconds < self.last + self.quiet
 
     def _descend(self, best: Incumbent, size: int, patience: int) -> Incumbent:
         """Improve a plan by random neighbourhoods until `patience` of them in a row give nothing."""
-        T, n, _ = self.network.shape
+        T, n, _ = self.form.shape
         failures = 0
         while best.plan is not None and failures < patience and self._going(best):
             free = np.zeros((T, n), dtype=bool)
@@ -118,13 +113,9 @@ class Neighbourhoods:
 
     def _around(self, best: Incumbent, free: np.ndarray) -> Incumbent:
         """The best plan that differs from this one only where (T, n) `free` allows it."""
-        net = self.network
-        T, _, m = net.shape
         assert best.plan is not None
-        taken = np.zeros(T * m, dtype=bool)
-        taken[(np.arange(T)[:, None] * m + best.plan)[~free]] = True
-        keep = self._near(min(self.prices.bound - best.value, 0.002 * self.scale))
-        keep &= (net.slot < 0) | (free[net.step, net.agent] & ~taken[net.slot])
+        near = self._near(min(self.bound - best.value, _REACH * self.scale))
+        keep = self.form.around(best.plan, free) & near
         return self._solve(keep, best, max(2.0, 0.03 * self.left))
 
     def _mixture(self, pool: list[Incumbent], best: Incumbent) -> Incumbent:
@@ -132,29 +123,30 @@ class Neighbourhoods:
         keep = self._near(1e-4 * self.scale)
         for entry in pool:
             if entry.plan is not None:
-                keep |= self.network.follow(entry.plan) > 0.5
+                keep |= self.form.follow(entry.plan)
         return self._kept(best, self._solve(keep, best, max(5.0, 0.1 * self.left)))
 
     def _near(self, regret: float) -> np.ndarray:
-        return self.prices.regret <= regret + 1e-7 * self.scale
+        return self.form.regret <= regret + 1e-7 * self.scale
 
     def _solve(self, keep: np.ndarray, best: Incumbent, seconds: float) -> Incumbent:
         """The best plan over the arcs `keep` and those of the incumbent."""
         start = None
         if best.plan is not None:
-            path = self.network.follow(best.plan) > 0.5
+            path = self.form.follow(best.plan)
             keep = keep | path
             start = path[keep].astype(np.float64)
         answer: Answer = maximise(
-            self.network.programme(keep), seconds=min(seconds, self.left), tolerance=1e-6, start=start,
+            self.form.programme(keep), seconds=min(seconds, self.left), tolerance=1e-6, start=start,
             watch=lambda value, bound: self.run.expired,
         )  # fmt: skip
         if answer.x is None or answer.ending is Ending.INFEASIBLE:
             return Incumbent()
-        return Incumbent().better(self.problem, formulation.recover(self.network, answer.x, keep))
+        return Incumbent().better(self.problem, self.form.recover(answer.x, keep))
 
     def _kept(self, best: Incumbent, found: Incumbent) -> Incumbent:
         if found.plan is None or found.value <= best.value:
             return best
-        self.note(found.plan)
+        if self.note(found.plan) <= found.value and found.value > self.top:
+            self.top, self.last = found.value, self.run.seconds
         return found

@@ -29,14 +29,16 @@ class Exact:
     Parameters
     ----------
     method : {"network", "milp", "qap", "dp"}
-        "network": a mixed-integer programme over the time-expanded network, from which prices have removed the arcs
-        that no better plan can use; for agent-local dynamics, and by far the fastest. "milp": the `cvxpy`
+        "network": for agent-local dynamics, and by far the fastest. With one cost for every move and up to a million
+        stays (``n m T (T + 1) / 2``) it is branch and price over stays, with as many threads as numba uses; else a
+        mixed-integer programme over the time-expanded network, from which prices have removed the arcs that no better
+        plan can use. "milp": the `cvxpy`
         programme, solved by HiGHS (extra ``exact``). "qap": the Koopmans-Beckmann problem of eq. 1.4, linearised;
         `SwitchingCost` only, tiny problems. "dp": brute force over joint states; any dynamics, tiny problems.
     tolerance : float
         Relative gap at which a plan counts as optimal.
     reduced_costs : bool
-        Whether "network" removes arcs by their reduced costs.
+        Whether "network" works with prices at all; without, it is one mixed-integer programme over the whole network.
 
     Raises
     ------

@@ -1,4 +1,6 @@
-"""Search over the time-expanded network: prices, reduced-cost fixing, neighbourhoods, and a mixed-integer programme.
+"""The method "network". Where stays can be written down, branch and price over them; else a search in the network.
+
+Search over the time-expanded network: prices, reduced-cost fixing, neighbourhoods, and a mixed-integer programme.
 
 With prices that prove the bound D, a plan that uses an arc of regret r is worth at most D - r. So all plans worth
 more than D - delta live on the arcs of regret below delta, a small share of the network if the prices are good. The
@@ -12,17 +14,22 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
+import numba
 import numpy as np
 
 from sapopt.control import Run
 from sapopt.feasibility import InfeasibleError
 from sapopt.formulations import network as formulation
+from sapopt.formulations import stays
 from sapopt.formulations.highs import Answer, Ending, maximise
-from sapopt.formulations.network import Network
+from sapopt.formulations.network import Network, NetworkOracle
 from sapopt.problem import SAP
 from sapopt.solvers.exact import warm
+from sapopt.solvers.exact.branch_and_price import BranchAndPrice
+from sapopt.solvers.exact.forms import NetworkForm
 from sapopt.solvers.exact.infeasible import explain
 from sapopt.solvers.exact.neighbourhoods import Neighbourhoods
 from sapopt.types import FloatArray, IntArray
@@ -31,6 +38,8 @@ log = logging.getLogger(__name__)
 
 _LARGE = 2500
 """Arcs within the gap beyond which neighbourhoods pay."""
+_NOISE = 0.1
+"""Relative noise on the prices that begin a new plan."""
 _FIRST = 1e-4
 """First guess of the gap, relative to the bound."""
 
@@ -63,17 +72,25 @@ class Search:
         self.run = run
         self.tolerance = tolerance
         self.fix = fix
-        self.network: Network = formulation.compile(problem)
         self.state = State(warm.Incumbent(), np.inf, [])
         self.options: dict[str, Any] = {}
+
+    @cached_property
+    def network(self) -> Network:
+        """The network, made when it is needed."""
+        return formulation.compile(self.problem)
 
     def solve(self) -> State:
         """Run all phases; ends early when the time is up, keeping what is known."""
         state = self.state
         try:
-            self._start()
-            if not self.proven and not self.run.expired:
-                self._stages()
+            left = self.run.seconds_left
+            self.state.best = warm.incumbent(self.problem, self.run, min(0.1 * left, 20.0))
+            self.note("heuristics")
+            if self.fix and self.state.best.plan is not None and stays.accepts(self.problem) is None:
+                self._branch_and_price()
+            else:
+                self._over_network()
         except KeyboardInterrupt:
             self.run.stopped = True
         if state.best.plan is None and np.isneginf(state.bound):
@@ -109,10 +126,25 @@ class Search:
         log.debug("%(phase)s %(seconds).2f s: value %(value).9g, bound %(bound).9g", record)
         self.run.report(self.run.seconds, self.run.time_limit or 0.0, state.best.value, state.bound, phase)
 
-    def _start(self) -> None:
+    def _branch_and_price(self) -> None:
+        def tell(
+            phase: str, bound: float | None, prices: FloatArray | None, plan: IntArray | None
+        ) -> warm.Incumbent:
+            self.note(phase, bound, plan)
+            if prices is not None and self.state.bound == bound:
+                self.state.prices = prices
+            return self.state.best
+
+        search = BranchAndPrice(self.problem, self.run, self.state.best, self.tolerance, tell)
+        search.solve(int(numba.get_num_threads()))
+
+    def _over_network(self) -> None:
+        self._price()
+        if not self.proven and not self.run.expired:
+            self._stages()
+
+    def _price(self) -> None:
         left = self.run.seconds_left
-        self.state.best = warm.incumbent(self.problem, self.run, min(0.1 * left, 20.0))
-        self.note("heuristics")
         T, n, m = self.network.shape
         effort = 0.05 + self.network.arcs / 700
         self.prices = warm.price(
@@ -193,10 +225,32 @@ class Search:
 
     def _neighbourhoods(self, seconds: float) -> None:
         """Improve the incumbent by small exact problems for some seconds."""
-        local = Neighbourhoods(self.problem, self.network, self.prices, self.run, self._found, self.tolerance)
+        local = Neighbourhoods(
+            self.problem, NetworkForm(self.network, self.prices.regret), self._sample, self.prices.bound, self.run,
+            self._found, self.tolerance,
+        )  # fmt: skip
         self.state.best = max(
             self.state.best, local.improve(self.state.best, seconds), key=lambda entry: entry.value
         )
+
+    def _sample(self, first: bool) -> IntArray | None:
+        """A plan from noisy prices: the agents in random order take their best path through what is left."""
+        if first:
+            return None
+        oracle: Any = NetworkOracle(self.network)
+        if hasattr(self.problem.model, "path_oracle"):
+            oracle = self.problem.model.path_oracle(self.problem.benefits, self.problem.initial_state())
+        T, n, m = self.network.shape
+        noise = 1.0 + _NOISE * self.run.rng.standard_normal((T, m))
+        prices: FloatArray = self.prices.prices * np.maximum(noise, 0.0)
+        plan = np.empty((T, n), dtype=np.int64)
+        for agent in self.run.rng.permutation(n):
+            value, path = oracle.best_path(int(agent), prices)
+            if not np.isfinite(value):
+                return None
+            plan[:, agent] = path
+            prices[np.arange(T), path] = np.inf
+        return plan
 
     def _found(self, plan: IntArray) -> float:
         before = self.state.best.value

@@ -1,0 +1,196 @@
+"""The linear programme over stays, by column generation: only stays that prices call for are in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from sapopt.formulations.stays import Stays
+from sapopt.solvers.exact.cuts import coefficients
+from sapopt.types import FloatArray, IntArray
+
+_BATCH = 800
+"""Stays that are added at a time."""
+_ROUNDING = 1e-11
+"""Relative padding of a bound: sums of some thousand terms in float64 are closer than that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """A solved relaxation.
+
+    Attributes
+    ----------
+    bound : float
+        No plan over the open stays is worth more; -inf if there is none.
+    stays : ndarray of int64
+        Stays in the programme.
+    x : ndarray
+        Their shares.
+    whole : bool
+        Whether the shares make up a plan.
+    prices : ndarray, shape (T, m)
+        Prices that prove the bound.
+    """
+
+    bound: float
+    stays: IntArray
+    x: FloatArray
+    whole: bool
+    prices: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """A Lagrangian bound: prices (T, m), wages (T, n), and what is left of every stay's gain after prices and fines."""
+
+    bound: float
+    prices: FloatArray
+    wages: FloatArray
+    weight: FloatArray
+
+
+class Master:
+    """The programme of one thread; stays can be closed and opened, and those once added remain.
+
+    Parameters
+    ----------
+    stays : Stays
+        All that are in the game.
+    begin : ndarray of int64
+        Stays to begin with.
+    """
+
+    def __init__(self, stays: Stays, begin: IntArray) -> None:
+        import highspy
+
+        self.stays = stays
+        self.inside = np.zeros(len(stays), dtype=bool)
+        self.columns = np.zeros(0, dtype=np.int64)
+        T, n, m = stays.shape
+        self.last_prices: FloatArray = np.zeros((T, m))
+        self.artificial = n * T  # a step of an agent that is left out, so that there always is a solution
+        self.penalty = penalty = 2.0 * (float(np.abs(stays.gain).max()) + 1.0)
+        low, high = stays.sides
+        lp = highspy.HighsLp()
+        lp.num_row_, lp.num_col_ = len(low), self.artificial
+        lp.col_cost_ = np.full(self.artificial, penalty)
+        lp.col_lower_ = np.zeros(self.artificial)
+        lp.col_upper_ = np.full(self.artificial, np.inf)
+        lp.row_lower_, lp.row_upper_ = low, high
+        unit = sp.csc_array(sp.eye_array(len(low), self.artificial))
+        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = unit.indptr, unit.indices, unit.data
+        self.solver = highspy.Highs()
+        for name, value in (("output_flag", False), ("threads", 1), ("presolve", "off")):
+            self.solver.setOptionValue(name, value)
+        self.solver.passModel(lp)
+        self.closed = np.zeros(0, dtype=bool)
+        self.cuts, self.right = coefficients(stays, [])
+        self.add(begin)
+
+    def add(self, stays: IntArray) -> None:
+        """Put stays into the programme."""
+        matrix = sp.csc_array(sp.vstack([self.stays.rows(stays), self.cuts[:, stays]]))
+        count = len(stays)
+        self.solver.addCols(
+            count, -self.stays.gain[stays], np.zeros(count), np.full(count, np.inf), matrix.nnz,
+            matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data,
+        )  # fmt: skip
+        self.columns = np.concatenate([self.columns, stays])
+        self.closed = np.concatenate([self.closed, np.zeros(count, dtype=bool)])
+        self.inside[stays] = True
+
+    def cut(self, cuts: sp.csr_array, right: FloatArray) -> None:
+        """Add rows (cuts, all stays) with their right-hand sides."""
+        part = sp.csr_array(cuts[:, self.columns])
+        self.solver.addRows(
+            len(right), np.full(len(right), -np.inf), right, part.nnz, part.indptr.astype(np.int32),
+            (part.indices + self.artificial).astype(np.int32), part.data,
+        )  # fmt: skip
+        self.cuts = sp.csr_array(sp.vstack([self.cuts, cuts]))
+        self.right = np.concatenate([self.right, right])
+
+    def close(self, closed: np.ndarray) -> None:
+        """Close exactly the stays of a mask."""
+        wanted = closed[self.columns]
+        changed = np.flatnonzero(wanted != self.closed)
+        if len(changed):
+            self.solver.changeColsBounds(
+                len(changed), (changed + self.artificial).astype(np.int32), np.zeros(len(changed)),
+                np.where(wanted[changed], 0.0, np.inf),
+            )  # fmt: skip
+            self.closed = wanted
+
+    def solve(self, closed: np.ndarray, cutoff: float) -> Relaxed:
+        """Solve over all stays but those of the mask `closed`; stops early at a bound below the cut-off."""
+        bound = np.inf
+        prices = self.last_prices
+        while True:
+            self.close(closed)
+            self.solver.run()
+            proof = self.proof(closed)
+            if proof.bound < bound:
+                bound, prices = proof.bound, proof.prices
+            if bound <= cutoff:
+                break
+            better = self.stays.less_wages(proof.weight, proof.wages)
+            better[closed | self.inside] = -np.inf
+            better = np.where(better > 1e-7, better, -np.inf)
+            if len(better) > _BATCH:
+                chosen = np.argpartition(-better, _BATCH)[:_BATCH]
+            else:
+                chosen = np.arange(len(better))
+            chosen = chosen[better[chosen] > 0]
+            if len(chosen):
+                self.add(chosen)
+            elif self._left_out() > 1e-6:
+                self._raise_penalty()
+            else:
+                break
+        self.last_prices = prices
+        x = np.asarray(self.solver.getSolution().col_value)
+        left_out, x = x[: self.artificial], x[self.artificial :]
+        whole = bool((left_out < 1e-6).all() and (np.minimum(x, 1 - x) < 1e-6).all())
+        return Relaxed(bound, self.columns, x, whole, prices)
+
+    def _left_out(self) -> float:
+        return float(np.asarray(self.solver.getSolution().col_value)[: self.artificial].max())
+
+    def _raise_penalty(self) -> None:
+        """Make it dearer to leave a step out: done only where a node has no plan, whose bound then falls without end."""
+        self.penalty *= 10.0
+        count = self.artificial
+        self.solver.changeColsCost(count, np.arange(count, dtype=np.int32), np.full(count, self.penalty))
+
+    def proof(self, closed: np.ndarray) -> Proof:
+        """Lagrangian bound by the duals of the last programme."""
+        T, n, m = self.stays.shape
+        duals = -np.asarray(self.solver.getSolution().row_dual)
+        wages = duals[: n * T].reshape(n, T).T
+        prices = np.maximum(duals[n * T : (n + m) * T].reshape(m, T).T, 0.0)
+        lowest = prices.min(axis=1, keepdims=True)
+        # Every agent holds one task at every step, so this never raises the bound.
+        prices, wages = prices - lowest, wages + lowest
+        weight = self.stays.priced(prices)
+        fixed = float(prices.sum())
+        if len(self.right):
+            fines = np.maximum(duals[(n + m) * T :], 0.0)
+            weight -= self.cuts.T @ fines
+            fixed += float(fines @ self.right)
+        weight[closed] = -np.inf
+        values, _ = self.stays.through(weight)
+        total = float(values.sum()) + fixed
+        return Proof(total + _ROUNDING * max(1.0, abs(total)), prices, wages, weight)
+
+    def probe(self, closed: np.ndarray, basis: Any, iterations: int) -> float:
+        """Bound after a few steps of the dual simplex method from a basis, without new stays."""
+        self.solver.setBasis(basis)
+        self.close(closed)
+        self.solver.setOptionValue("simplex_iteration_limit", iterations)
+        self.solver.run()
+        self.solver.setOptionValue("simplex_iteration_limit", 2**31 - 1)
+        return self.proof(closed).bound
