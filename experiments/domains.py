@@ -1,6 +1,6 @@
 """The agent-local domains at full size: plans of every method against a proven bound (thesis, 7.1.1 to 7.1.3).
 
-    python experiments/domains.py [--seeds 1] [--seconds 60] [--quick] [--out results/domains]
+    python experiments/domains.py [--seeds 1] [--seconds 60] [--only NAME] [--quick] [--out results/domains]
 
 For each of the instances `attitude`, `ride-hailing` and `unit-commitment`: the bound, and what HAA, HAAL, the dual
 lookahead and the dual decomposition reach of it, with their times. The decomposition gets --seconds. The table is
@@ -15,7 +15,7 @@ from typing import Any
 
 import common
 
-from sapopt import SAP, solve
+from sapopt import SAP, Result, solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead, Greedy
 
@@ -32,17 +32,19 @@ POLICIES = (Greedy(), HAA(), HAAL(3), DualLookahead(3), DualLookahead(12))
 def main(argv: Sequence[str] | None = None) -> None:
     run = common.begin(__doc__, "domains", argv, seeds=1, quick_seeds=1, add=_options)
     seconds = run.options.seconds if run.options.seconds is not None else (10.0 if run.quick else 60.0)
-    rows = []
-    for name, small in INSTANCES.items():
+    rows: list[dict[str, Any]] = []
+    for name in run.options.only or INSTANCES:
         for seed in run.seeds:
-            problem = instance(name, seed, **(small if run.quick else {}))
+            problem = instance(name, seed, **(INSTANCES[name] if run.quick else {}))
             run.say(f"{name}, seed {seed}: {problem}")
             rows += measure(name, seed, problem, seconds, run)
-    run.write_json({"seconds_for_the_decomposition": seconds, "rows": rows})
+            # after every problem, so that an interrupted run leaves what it has
+            run.write_json({"seconds_for_the_decomposition": seconds, "rows": rows})
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, help="time of the decomposition (default 60, quick 10)")
+    parser.add_argument("--only", nargs="+", choices=list(INSTANCES), help="some of the instances")
 
 
 def measure(name: str, seed: int, problem: SAP, seconds: float, run: common.Run) -> list[dict[str, Any]]:
@@ -51,25 +53,24 @@ def measure(name: str, seed: int, problem: SAP, seconds: float, run: common.Run)
     planned = solve(problem, DualDecomposition(), seed=seed, time_limit=seconds)
     if planned.bound is None:
         raise RuntimeError(f"{name}: no bound was proven within {seconds} s")
-    rows = []
-    for result in [*(solve(problem, policy, seed=seed) for policy in POLICIES), planned]:
-        gap = result.with_bound(planned.bound)
-        if result.value > planned.bound:
-            raise RuntimeError(
-                f"{name}: {result.solver} is worth {result.value}, above the bound {planned.bound}"
-            )
-        rows.append(
-            {
-                "instance": name, "seed": seed, "T": problem.T, "n": problem.n, "m": problem.m, "solver": result.solver,
-                "value": result.value, "bound": planned.bound, "gap": gap.gap, "handovers": result.handovers,
-                "seconds": result.runtime,
-            }
-        )  # fmt: skip
-        run.say(
-            f"  {result.solver:26} value {result.value:14,.1f}  bound {planned.bound:14,.1f}  "
-            f"gap {100 * (gap.gap or 0.0):7.3f} %  {result.runtime:6.1f} s"
-        )
+    rows = [_row(name, seed, problem, planned, planned.bound, run)]
+    for policy in POLICIES:
+        rows.append(_row(name, seed, problem, solve(problem, policy, seed=seed), planned.bound, run))
     return rows
+
+
+def _row(name: str, seed: int, problem: SAP, result: Result, bound: float, run: common.Run) -> dict[str, Any]:
+    if result.value > bound:
+        raise RuntimeError(f"{name}: {result.solver} is worth {result.value}, above the bound {bound}")
+    gap = (bound - result.value) / abs(bound)
+    run.say(
+        f"  {result.solver:26} value {result.value:14,.1f}  bound {bound:14,.1f}  gap {100 * gap:7.3f} %  "
+        f"{result.runtime:6.1f} s"
+    )
+    return {
+        "instance": name, "seed": seed, "T": problem.T, "n": problem.n, "m": problem.m, "solver": result.solver,
+        "value": result.value, "bound": bound, "gap": gap, "handovers": result.handovers, "seconds": result.runtime,
+    }  # fmt: skip
 
 
 def warm_up(problem: SAP) -> None:

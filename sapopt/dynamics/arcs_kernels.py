@@ -93,6 +93,9 @@ def soft(arcs, node_ptr, rows, source, prices, idle_price, temperature):
     first, head, task, gain = arcs
     T, m = prices.shape
     value = np.zeros(node_ptr[-1])
+    weight = np.empty(
+        len(gain)
+    )  # of every arc among those out of its node; the exponentials are most of the work
     for k in range(T - 1, -1, -1):
         for r in range(rows):
             idle = idle_price[k, r]
@@ -100,16 +103,18 @@ def soft(arcs, node_ptr, rows, source, prices, idle_price, temperature):
                 best = -np.inf
                 for a in range(first[v], first[v + 1]):
                     j = task[a]
-                    best = max(best, gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j]))
+                    weight[a] = gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j])
+                    best = max(best, weight[a])
                 if best == -np.inf:
                     value[v] = -np.inf
                     continue
                 total = 0.0
                 for a in range(first[v], first[v + 1]):
-                    j = task[a]
-                    x = gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j])
-                    total += np.exp((x - best) / temperature)
+                    weight[a] = np.exp((weight[a] - best) / temperature)
+                    total += weight[a]
                 value[v] = best + temperature * np.log(total)
+                for a in range(first[v], first[v + 1]):
+                    weight[a] /= total
     usage = np.zeros((T, m))
     idling = np.zeros((T, rows))
     mass = np.zeros(node_ptr[-1])
@@ -117,19 +122,16 @@ def soft(arcs, node_ptr, rows, source, prices, idle_price, temperature):
         mass[source[i]] += 1.0
     for k in range(T):
         for r in range(rows):
-            idle = idle_price[k, r]
             for v in range(node_ptr[k * rows + r], node_ptr[k * rows + r + 1]):
                 if mass[v] < 1e-12 or value[v] == -np.inf:
                     continue
                 for a in range(first[v], first[v + 1]):
-                    j = task[a]
-                    x = gain[a] + value[head[a]] - (idle if j < 0 else prices[k, j])
-                    share = mass[v] * np.exp((x - value[v]) / temperature)
+                    share = mass[v] * weight[a]
                     mass[head[a]] += share
-                    if j < 0:
+                    if task[a] < 0:
                         idling[k, r] += share
                     else:
-                        usage[k, j] += share
+                        usage[k, task[a]] += share
     values = np.empty(len(source))
     for i in range(len(source)):
         values[i] = value[source[i]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import datetime
 import gzip
 import logging
@@ -221,6 +222,20 @@ def test_requests_that_do_not_pay_are_not_offered() -> None:
     city = random_city(3, 20, 10, seed=0, width=4)
     assert (city.problem(100.0).benefits.flat().data.size) == 0
     assert len(np.unique(city.problem(0.0).benefits.flat().indices)) == 20
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fare": np.full(10, np.nan)}, "fare of request 0"),
+        ({"arrival": np.arange(10)}, "arrival must lie in 0..5"),
+        ({"drop_off": np.arange(3)}, "drop_off has 3 entries"),
+        ({"places_km": np.zeros((2, 2))}, "places_km has shape"),
+    ],
+)
+def test_bad_city(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(random_city(3, 10, 6, width=4), **changes)
 
 
 @pytest.mark.parametrize("name", ["drivers", "requests", "steps", "width"])

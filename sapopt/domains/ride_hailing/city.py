@@ -51,6 +51,18 @@ class City:
     step_s: float
     patience: int
 
+    def __post_init__(self) -> None:
+        requests = len(self.arrival)
+        for name in ("pick_up", "drop_off", "fare"):
+            if len(getattr(self, name)) != requests:
+                raise ValueError(f"{name} has {len(getattr(self, name))} entries for {requests} requests")
+        if not np.isfinite(self.fare).all():
+            raise ValueError(f"fare of request {int(np.argmin(np.isfinite(self.fare)))} is not finite")
+        if requests and not (self.arrival.min() >= 0 and self.arrival.max() < self.steps):
+            raise ValueError(f"arrival must lie in 0..{self.steps - 1}, the steps of the city")
+        if self.places_km.shape != (len(self.travel), 2):
+            raise ValueError(f"places_km has shape {self.places_km.shape}, travel {self.travel.shape}")
+
     def worth(self, cost: float) -> FloatArray:
         """Fare less the cost of the ride itself, shape (R,); the way to the pick-up comes on top."""
         return self.fare - cost * self.travel[self.pick_up, self.drop_off]
@@ -71,7 +83,7 @@ class City:
         n, requests = len(self.home), len(self.arrival)
         rule = RideHailing(self.travel, self.pick_up, self.drop_off, self.home, self.patience, cost)
         worth = self.worth(rule.cost)
-        offered = np.flatnonzero((worth > 0) & (self.arrival >= 0) & (self.arrival < self.steps))
+        offered = np.flatnonzero(worth > 0)
         offered = offered[np.argsort(self.arrival[offered], kind="stable")]
         counts = np.bincount(self.arrival[offered], minlength=self.steps)
         indptr = np.concatenate([[0], np.cumsum(np.repeat(counts, n))])
