@@ -1,7 +1,8 @@
 """Longest priced paths of agents under a `SyntheticSwitching` that is local to the agents.
 
 The charge of a move depends on where it leads, never on where it comes from, so one maximum over all tasks serves every
-state: O(T m) an agent.
+state: O(T m) an agent. Where an agent must see what it acquires and idling costs nothing, the tasks out of sight are
+alike, and O(T (R + tasks in sight)) is enough (`synthetic_seen_kernels`), R the number of real tasks.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sapopt.dynamics import synthetic_kernels as kernels
+from sapopt.dynamics import synthetic_seen_kernels as seen
 from sapopt.dynamics.switching_paths import flat_benefits
 from sapopt.types import FloatArray, IntArray
 
@@ -39,6 +41,7 @@ class SyntheticPaths:
         self.rule = (
             float(dynamics.cost), float(dynamics.forfeit), bool(dynamics.idle_is_free), bool(dynamics.needs_sight)
         )  # fmt: skip
+        self.sparse = self.rule[3] and (self.rule[0] == 0.0 or self.rule[2])
         if state is None:
             self.start = np.full(n, self.count + 1, dtype=np.int64)
         else:
@@ -72,21 +75,29 @@ class SyntheticPaths:
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
-        out = np.empty(self._shape[1:])
-        kernels.first_values(*self._rows(), self._prices(prices), out)
+        out, p = np.empty(self._shape[1:]), self._prices(prices)
+        if self.sparse:
+            seen.first_values(*self._rows(), p, np.argsort(p, axis=1), out)
+        else:
+            kernels.first_values(*self._rows(), p, out)
         return out
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         p = self._prices(prices)
         values, usage = np.empty(self._shape[1]), np.zeros(p.shape)
-        kernels.soft_paths(*self._rows(), p, np.exp(-p / temperature), float(temperature), values, usage)
+        which = seen.soft_paths if self.sparse else kernels.soft_paths
+        which(*self._rows(), p, np.exp(-p / temperature), float(temperature), values, usage)
         return values, usage
 
     def _paths(self, agents: IntArray, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         values = np.empty(len(agents))
         plan = np.empty((self._shape[0], len(agents)), dtype=np.int64)
-        kernels.paths(agents, *self._rows(), self._prices(prices), values, plan)
+        p = self._prices(prices)
+        if self.sparse:
+            seen.paths(agents, *self._rows(), p, np.argsort(p, axis=1), values, plan)
+        else:
+            kernels.paths(agents, *self._rows(), p, values, plan)
         return values, plan
 
     def _rows(self) -> tuple[Any, ...]:
