@@ -12,6 +12,7 @@ from sapopt.assignment import best_assignment
 from sapopt.benefits import dense_step
 from sapopt.certificate import Bound, Certificate, CertificateError, prove
 from sapopt.control import Callback, Run, interruptible
+from sapopt.dynamics.local import is_agent_local
 from sapopt.matrices import GainMatrix
 from sapopt.outlook import Forecast, Policy, rollout
 from sapopt.problem import SAP
@@ -111,7 +112,7 @@ def stepwise_bound(problem: SAP, run: Run | None = None) -> Bound:
     if limit is None:
         raise ValueError(
             f"dynamics: {type(problem.dynamics).__name__} must declare handover_limit, the largest entry its handover "
-            "matrix can have (0.0 for costs), or path_oracle, before anything can be proven"
+            "matrix can have (0.0 for costs), or path_oracle or local_model, before anything can be proven"
         )
     order = np.arange(problem.m)
     total = 0.0
@@ -179,7 +180,7 @@ def bound(
     with _display(progress, "bound", callback) as report:
         run = Run(seed, time_limit, report)
         with interruptible(run):
-            if not hasattr(problem.model, "path_oracle"):
+            if not is_agent_local(problem.model):
                 return stepwise_bound(problem, run)
             return _dual_bound(problem, run, prices, device)
 

@@ -30,6 +30,8 @@ class Dynamics(Protocol):
       (`sapopt.dynamics.interference.Interacting`); ``handover_at`` must then contain them.
     - ``path_oracle(benefits, state)``: the agents' longest priced paths (`sapopt.dynamics.local.PathOracle`) of an
       agent-local model; gives bounds and dual solvers.
+    - ``window_oracle(benefits, state)``: the same for a window after which the problem goes on, where the state at the
+      end has a value; for receding horizons.
     """
 
     def initial_state(self, problem: SAP) -> Any:

@@ -234,6 +234,15 @@ class Battery:
 
         return BatteryPaths(benefits, self, state)
 
+    def window_oracle(self, benefits: Benefits, state: BatteryState) -> BatteryPaths:
+        """`path_oracle` of a window that is not the last: nobody dies in it, and charge left over counts.
+
+        See `sapopt.dynamics.battery_paths.leftover` for the value; it serves receding horizons and proves nothing.
+        """
+        from sapopt.dynamics.battery_paths import BatteryPaths
+
+        return BatteryPaths(benefits, self, state, goes_on=True)
+
     def local_model(self, benefits: Benefits, state: BatteryState) -> BatteryStates:
         """The agents' finite states in plain words (`sapopt.dynamics.local.LocalModel`)."""
         from sapopt.dynamics.battery_states import BatteryStates

@@ -11,6 +11,7 @@ from sapopt.dynamics import battery_paths_kernels as kernels
 from sapopt.dynamics import battery_paths_soft as soft
 from sapopt.dynamics.switching_paths import flat_benefits
 from sapopt.dynamics.switching_paths_soft_idle import cheapest_and_rest
+from sapopt.matrices import GainMatrix
 from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -27,9 +28,14 @@ class BatteryPaths:
     dynamics : Battery
     state : BatteryState
         State before the first step of the window.
+    goes_on : bool
+        The problem goes on after the window, so that charge which is left over has a value, see `leftover`; by default
+        it ends there, and has none.
     """
 
-    def __init__(self, benefits: Any, dynamics: Battery, state: BatteryState) -> None:
+    def __init__(
+        self, benefits: Any, dynamics: Battery, state: BatteryState, *, goes_on: bool = False
+    ) -> None:
         indptr, indices, data, self._shape = flat_benefits(benefits)
         T, n, m = self._shape
         self.levels = np.ascontiguousarray(state.levels, dtype=np.int64)
@@ -38,7 +44,9 @@ class BatteryPaths:
         self.ready = np.ascontiguousarray(dynamics.serving(state), dtype=np.int64)
         self.free = state.held is None
         self.cost = dynamics.cost
-        self.battery = (dynamics.cost, *dynamics.units[1:], dynamics.pay_for == "entries")
+        units = dynamics.units
+        end = leftover(indptr, data, T, *units[1:]) if goes_on else np.zeros(units.capacity + 1)
+        self.battery = (dynamics.cost, *units[1:], dynamics.pay_for == "entries", end)
         self.rows = (indptr, indices, data, *kernels.neighbours(indptr, indices, data, T, n))
         self._count = min(m, int(np.diff(indptr).max(initial=0)) + 1)
 
@@ -91,6 +99,14 @@ class BatteryPaths:
             values[agents, indices[span]] = listed[span]
         return values
 
+    def first_gains(self, prices: FloatArray) -> GainMatrix:
+        """`first_values` in sparse form, less a constant for every agent, which changes no assignment."""
+        _, n, m = self._shape
+        rest, listed = self._first(prices)
+        row_start, tasks, gains = kernels.first_gains(n, m, self.rows, rest, listed)
+        negative = bool(gains.min(initial=0.0) < 0)
+        return GainMatrix(row_start, tasks, gains, np.full(n, -1), np.zeros(n), 0.0, m, negative)
+
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         p = self._prices(prices)
@@ -133,3 +149,23 @@ class BatteryPaths:
 
     def _chunks(self, per_thread: int) -> int:
         return min(max(1, self._shape[1]), per_thread * int(numba.get_num_threads()))
+
+
+def leftover(
+    indptr: IntArray, data: FloatArray, T: int, drain: int, charge: int, capacity: int
+) -> FloatArray:
+    """What charge is worth at the end of a window that is not the end of the problem, by level (levels + 1,).
+
+    An agent that neither runs down nor wastes charge works at a share ``charge / (charge + drain)`` of the steps, and
+    picks the best ones; the least of those is what a step's drain is worth to it in the long run. It is read off the
+    window: the quantile of the largest benefits in sight, over all agents and steps. A full battery cannot store what
+    comes in next, and an empty one must wait, so the value of the last drop falls linearly from twice that to nothing.
+    Death costs more than anything that the window can bring.
+    """
+    largest = kernels.row_maxima(indptr, np.where(np.isfinite(data), data, 0.0))
+    share = charge / max(charge + drain, 1)
+    worth = float(np.quantile(largest, 1.0 - share)) * capacity / max(drain, 1) if drain else 0.0
+    full = np.arange(capacity + 1) / capacity
+    value: FloatArray = worth * (2.0 * full - full**2)
+    value[0] = -float(largest.max(initial=0.0)) * (T + 1) - worth if drain else 0.0
+    return value

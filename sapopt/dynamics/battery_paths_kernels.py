@@ -6,7 +6,8 @@ Backwards in time, for every step k and charge level l,
     X_k[l, e]  the same for working at step k on entry e (a task j that the agent sees), not counting what it pays:
                ``X_k[l, e] = benefit - price + max(N_{k+1}[l'], X_{k+1}[l', the entry of j there])``
 
-with l' the level after work. An idle agent may stand on any task, the cheapest one if it is only to charge
+with l' the level after work, from ``N_T``, the value of charge that is left over at the end of the window (0 if the
+problem ends there). An idle agent may stand on any task, the cheapest one if it is only to charge
 (``least[k]``), so the recursion runs over levels and stored entries alone:
 
     N_k[l] = max(max_e X_k[l, e] - cost,  N_{k+1}[l''] - least[k],  max_e X_{k+1}[l'', e] - price of e's task at k)
@@ -25,6 +26,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit, prange
+
+from sapopt.kernels.windows import fill_sorted
 
 _FAST = {"nnan", "nsz"}  # infinities only meet with equal sign
 _NEG = -np.inf
@@ -45,6 +48,16 @@ def neighbours(indptr, indices, data, T, n):
                 if data[p] > 0.0:
                     follow[e] = p
     return follow, back
+
+
+@njit(cache=True)
+def row_maxima(indptr, data):
+    """Largest entry of every row, at least 0."""
+    out = np.zeros(indptr.size - 1)
+    for r in range(out.size):
+        for e in range(indptr[r], indptr[r + 1]):
+            out[r] = max(out[r], data[e])
+    return out
 
 
 @njit(cache=True)
@@ -99,12 +112,12 @@ def _idle_places(i, n, indptr, indices, prices, cheapest, mark, least, least_tas
 def _values(i, n, rows, battery, prices, least, first, N, X, offset):
     """Fill N (T+1, levels+1) from step `first` on, and X (entries, levels+1) of one agent."""
     indptr, indices, data, follow, back = rows
-    cost, drain, charge, capacity, entries = battery
+    cost, drain, charge, capacity, entries, end = battery
     T = prices.shape[0]
     offset[0] = 0
     for k in range(T):
         offset[k + 1] = offset[k] + indptr[k * n + i + 1] - indptr[k * n + i]
-    N[T] = 0.0
+    N[T] = end
     for k in range(T - 1, -1, -1):
         r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
@@ -155,7 +168,7 @@ def _values(i, n, rows, battery, prices, least, first, N, X, offset):
 def _walk(i, n, rows, battery, prices, least, least_task, start, N, X, offset, out):
     """Write the best path of one agent to `out` (T,) and return its value."""
     indptr, indices, data, _, back = rows
-    cost, drain, charge, capacity, entries = battery
+    cost, drain, charge, capacity, entries, end = battery
     level, ready, free = start
     T = prices.shape[0]
     value = 0.0
@@ -205,7 +218,7 @@ def best_paths(n, rows, battery, prices, cheapest, levels, ready, free, chunks):
     Parameters
     ----------
     rows : (indptr, indices, data, follow, back)
-    battery : (cost, drain, charge, capacity, whether entries pay instead of moves)
+    battery : (cost, drain, charge, capacity, whether entries pay instead of moves, value (levels + 1,) at the end)
     cheapest : see `cheapest_tasks`
     levels, ready : (n,) int64
         Levels, and tasks that may be worked on at the first step without paying (-1 for none).
@@ -272,7 +285,7 @@ def first_entries(n, rows, battery, prices, cheapest, levels, ready, free, chunk
     entry of the steps 0 and 1 (in the order of the flat benefits) the value of its task.
     """
     indptr, indices, data, _, back = rows
-    cost, drain, charge, capacity, entries = battery
+    cost, drain, charge, capacity, entries, end = battery
     T, m = prices.shape
     most = most_entries(indptr, n, T)
     rest = np.empty(n)
@@ -306,3 +319,28 @@ def first_entries(n, rows, battery, prices, cheapest, levels, ready, free, chunk
                 if b >= 0:
                     listed[b] = listed[e]
     return rest, listed
+
+
+@njit(cache=True)
+def first_gains(n, m, rows, rest, listed):
+    """Sorted rows of what every listed first task brings beyond `rest`: (row_start, tasks, gains)."""
+    indptr, indices, _, _, back = rows
+    row_start = np.zeros(n + 1, np.int64)
+    tasks = np.empty(listed.size, np.int32)
+    gains = np.empty(listed.size)
+    total = np.zeros(m)
+    filled = 0
+    for i in range(n):
+        begin = filled
+        for r in range(i, (indptr.size - 1) // n * n, n):
+            if indptr[r] >= listed.size:
+                break
+            for e in range(indptr[r], indptr[r + 1]):
+                if r >= n and back[e] >= 0:
+                    continue
+                tasks[filled] = indices[e]
+                total[indices[e]] = listed[e] - rest[i]
+                filled += 1
+        fill_sorted(tasks, gains, total, begin, filled)
+        row_start[i + 1] = filled
+    return row_start, tasks[:filled].copy(), gains[:filled].copy()

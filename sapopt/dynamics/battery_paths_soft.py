@@ -54,13 +54,13 @@ def _backward(i, n, rows, battery, eps, prices, w, U, logN, x, gain, wait, idle,
     """Fill logN (T+1, levels+1), the ratios x (entries, levels+1), and per entry `gain` (relative to the step's best
     net benefit, which is D[k, 1]) and `wait`, the weight of standing on its task one step before."""
     indptr, indices, data, follow, back = rows
-    cost, drain, charge, capacity, entries = battery
+    cost, drain, charge, capacity, entries, end = battery
     T = prices.shape[0]
     q = np.exp(-cost / eps)
     offset[0] = 0
     for k in range(T):
         offset[k + 1] = offset[k] + indptr[k * n + i + 1] - indptr[k * n + i]
-    logN[T] = 0.0
+    logN[T] = end / eps
     for k in range(T - 1, -1, -1):
         r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
@@ -131,7 +131,7 @@ def _forward(
 ):
     """Add one agent's expected use of the tasks; returns log Z. `at` holds the probabilities of ready entries."""
     indptr, indices, data, follow, back = rows
-    cost, drain, charge, capacity, entries = battery
+    cost, drain, charge, capacity, entries, end = battery
     T, m = w.shape
     q = np.exp(-cost / eps)
     level0, ready, free = start

@@ -5,16 +5,19 @@ change. Once the task capacities are priced, the agents no longer see each other
 a longest path. `PathOracle` is the interface through which dual methods ask for those paths.
 
 Two ways in: a dynamics may bring its own oracle (method ``path_oracle(benefits, state)``, as `SwitchingCost` does, with
-compiled recursions), or describe its finite state by the small protocol `LocalModel` and use `LocalOracle`, which is
-generic and slower.
+compiled recursions), or describe its finite states (method ``local_model(benefits, state)``, a `LocalModel`), from
+which a compiled oracle is made. `LocalOracle` is the same in plain numpy, slow and easy to check.
 """
 
 from __future__ import annotations
 
+import logging
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+log = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -64,6 +67,14 @@ class FirstValueOracle(PathOracle, Protocol):
 
 
 @runtime_checkable
+class FirstGainsOracle(PathOracle, Protocol):
+    """An oracle that values first tasks in the sparse form of one assignment problem."""
+
+    def first_gains(self, prices: FloatArray) -> Any:
+        """`FirstValueOracle.first_values` as a `sapopt.matrices.GainMatrix`, less any constant for every agent."""
+
+
+@runtime_checkable
 class PlacingOracle(PathOracle, Protocol):
     """An oracle that can re-plan many agents in turn without a call for each."""
 
@@ -100,6 +111,60 @@ class LocalModel(Protocol):
 
         A handover of -inf forbids the task in that state.
         """
+
+
+def is_agent_local(model: Any) -> bool:
+    """Whether a dynamics offers paths of its agents, one way or the other."""
+    return hasattr(model, "path_oracle") or hasattr(model, "local_model")
+
+
+def path_oracle(model: Any, benefits: Any, state: Any, *, goes_on: bool = False) -> PathOracle:
+    """The longest priced paths of a dynamics' agents over a window.
+
+    Parameters
+    ----------
+    model : Dynamics
+    benefits : Benefits
+        Those of the window.
+    state : object
+        State before it.
+    goes_on : bool
+        The problem goes on after the window, and a dynamics that has a ``window_oracle`` says what the state at its end
+        is worth. Not for bounds.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not agent-local.
+    """
+    if goes_on and hasattr(model, "window_oracle"):
+        made: PathOracle = model.window_oracle(benefits, state)
+    elif hasattr(model, "path_oracle"):
+        made = model.path_oracle(benefits, state)
+    elif hasattr(model, "local_model"):
+        made = compiled(benefits, model.local_model(benefits, state))
+    else:
+        raise ValueError(
+            f"dynamics: {type(model).__name__} is not agent-local: it has neither path_oracle nor local_model"
+        )
+    return made
+
+
+def compiled(benefits: Any, model: LocalModel) -> PathOracle:
+    """A compiled oracle of a `LocalModel`: its tables are read once, tasks that do the same become one arc.
+
+    Where that saves nothing (every task leads to a state of its own, and there are many), it is a `LocalOracle`, and
+    the log says so.
+    """
+    from sapopt.benefits import Benefits
+    from sapopt.dynamics.arcs import ArcPaths  # compiled code: imported when it is needed
+    from sapopt.dynamics.arcs_build import model_graph
+
+    graph = model_graph(model, Benefits(benefits))
+    if graph is None:
+        log.warning("%s has too many arcs to compile; its paths are slow", type(model).__name__)
+        return LocalOracle(benefits, model)
+    return ArcPaths(graph)
 
 
 class LocalOracle:

@@ -14,7 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sapopt.dynamics.first_rows import FirstRowsOracle
-from sapopt.dynamics.local import FirstValueOracle, PathOracle, SoftPathOracle
+from sapopt.dynamics.local import (
+    FirstGainsOracle,
+    FirstValueOracle,
+    PathOracle,
+    SoftPathOracle,
+    is_agent_local,
+    path_oracle,
+)
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.formulations.dual.subgradient import Subgradient
@@ -22,6 +29,21 @@ from sapopt.outlook import Outlook
 from sapopt.problem import SAP
 from sapopt.solvers.base import check_lookahead
 from sapopt.types import FloatArray, IntArray
+
+
+def values_first_tasks(oracle: PathOracle) -> bool:
+    """Whether `assign_first` can work with an oracle."""
+    return isinstance(oracle, (FirstGainsOracle, FirstRowsOracle, FirstValueOracle))
+
+
+def assign_first(outlook: Outlook, oracle: PathOracle, prices: FloatArray) -> IntArray:
+    """The assignment (n,) of a window's first step, its later steps being settled by prices (T, m)."""
+    if isinstance(oracle, FirstGainsOracle):
+        return outlook.assign(oracle.first_gains(prices))
+    if isinstance(oracle, FirstRowsOracle):
+        return oracle.first_rows(prices).assign()
+    assert isinstance(oracle, FirstValueOracle)
+    return outlook.assign(oracle.first_values(prices))
 
 
 @dataclass(frozen=True)
@@ -55,36 +77,31 @@ class DualLookahead:
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | None:
         """No prices yet."""
-        if not hasattr(problem.model, "path_oracle"):
+        if not is_agent_local(problem.model):
             raise ValueError(
-                f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has no path_oracle"
+                f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has neither path_oracle nor "
+                "local_model"
             )
         return None
 
     def act(self, outlook: Outlook, memory: FloatArray | None) -> tuple[IntArray, FloatArray | None]:
         """Prices of the window, then one assignment problem."""
         benefits = outlook.benefits(self.window)
-        oracle = outlook.model.path_oracle(benefits, outlook.state)
-        if not isinstance(oracle, (FirstRowsOracle, FirstValueOracle)):
+        goes_on = outlook.k + benefits.shape[0] < outlook.problem.T
+        oracle = path_oracle(outlook.model, benefits, outlook.state, goes_on=goes_on)
+        if not values_first_tasks(oracle):
             raise ValueError(
                 f"DualLookahead: the path oracle of {type(outlook.problem.dynamics).__name__} has no first_values"
             )
         T, _, m = oracle.shape
         if T == 1:
-            return self._assigned(outlook, oracle, np.zeros((1, m))), None
+            return assign_first(outlook, oracle, np.zeros((1, m))), None
         prices = np.zeros((T, m))
         if memory is not None:
             known = min(T, len(memory) - 1)
             prices[:known] = memory[1 : known + 1]
         prices = self._priced(oracle, prices, memory is None, outlook.check)
-        return self._assigned(outlook, oracle, prices), prices
-
-    @staticmethod
-    def _assigned(outlook: Outlook, oracle: PathOracle, prices: FloatArray) -> IntArray:
-        if isinstance(oracle, FirstRowsOracle):
-            return oracle.first_rows(prices).assign()
-        assert isinstance(oracle, FirstValueOracle)
-        return outlook.assign(oracle.first_values(prices))
+        return assign_first(outlook, oracle, prices), prices
 
     def _priced(
         self, oracle: PathOracle, prices: FloatArray, first: bool, check: Callable[[], None]

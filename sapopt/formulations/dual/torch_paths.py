@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sapopt.dynamics import local
 from sapopt.dynamics.local import FloatArray, IntArray, PathOracle
 from sapopt.dynamics.switching import SwitchingCost
 from sapopt.dynamics.switching_paths import StrictSwitching
@@ -34,7 +35,7 @@ def path_oracle(model: Any, benefits: Any, state: Any, device: str = KERNELS) ->
 
     Parameters
     ----------
-    model : dynamics with a ``path_oracle``
+    model : dynamics with a ``path_oracle`` or ``local_model``
     benefits : Benefits or (T, n, m) float array
     state : object
         State before the window.
@@ -49,8 +50,7 @@ def path_oracle(model: Any, benefits: Any, state: Any, device: str = KERNELS) ->
         Without torch.
     """
     if device == KERNELS:
-        oracle: PathOracle = model.path_oracle(benefits, state)
-        return oracle
+        return local.path_oracle(model, benefits, state)
     if type(model) is not SwitchingCost or not model.is_uniform or model.idle_is_free:
         raise ValueError(
             f"device {device!r}: only a SwitchingCost with one cost for every move has a torch recursion, "

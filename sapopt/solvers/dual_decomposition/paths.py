@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.dynamics.local import FirstValueOracle, PathOracle, PlacingOracle
+from sapopt.dynamics.local import PathOracle, PlacingOracle, path_oracle
 from sapopt.outlook import Outlook, WindowSums
 from sapopt.problem import SAP
 from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
 from sapopt.solvers.dual_decomposition.sweeps import closed_prices
+from sapopt.solvers.dual_lookahead import assign_first, values_first_tasks
 
 
 def rolling_plan(
@@ -51,11 +52,11 @@ def rolling_plan(
             prices = prices.copy()
             prices[k:] = reprice(k, state, prices[k:])
         rest = problem.benefits.slice(k, problem.T)
-        oracle = problem.model.path_oracle(rest, state)
-        if not isinstance(oracle, FirstValueOracle):
+        oracle = path_oracle(problem.model, rest, state)
+        if not values_first_tasks(oracle):
             return None
         outlook = Outlook(k, problem.T, state, problem, WindowSums(rest, first=k), order)
-        plan[k] = outlook.assign(oracle.first_values(prices[k:]))
+        plan[k] = assign_first(outlook, oracle, prices[k:])
         state = problem.transition(k, state, plan[k])
         if stop():
             return None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sapopt.control import Run
-from sapopt.dynamics.local import PathOracle, SoftPathOracle
+from sapopt.dynamics.local import PathOracle, SoftPathOracle, is_agent_local
 from sapopt.dynamics.switching import SwitchingCost
 from sapopt.formulations.dual import DualResult, ascend, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent
@@ -60,7 +60,7 @@ class DualDecomposition:
     The prices of the task capacities are ascended until the Lagrangian bound settles. They turn into plans by a rolling
     assignment with priced futures and by sweeps in which one agent after another takes its best priced path. With a
     `SwitchingCost`, windows of the best plan are then solved exactly, as network flows restricted to cells whose prices
-    show that a near-optimal plan may use them; with other agent-local dynamics (those with a `path_oracle`) the sweeps
+    show that a near-optimal plan may use them; with other agent-local dynamics (those with a `path_oracle` or `local_model`) the sweeps
     go on.
 
     Parameters
@@ -112,10 +112,10 @@ class DualDecomposition:
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
         switching = isinstance(problem.dynamics, SwitchingCost)
-        if not switching and not hasattr(problem.model, "path_oracle"):
+        if not is_agent_local(problem.model):
             raise ValueError(
-                f"dynamics: {type(problem.dynamics).__name__} is not agent-local (it has no path_oracle), so no prices "
-                "take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
+                f"dynamics: {type(problem.dynamics).__name__} is not agent-local (it has neither path_oracle nor "
+                "local_model), so no prices take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
             )
         arrays = Arrays.of(problem) if switching else None
         start = rollout(problem, HAA(), run.part()).plan if run.start is None else run.start
