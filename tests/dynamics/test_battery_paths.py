@@ -80,6 +80,46 @@ def test_longer_paths_agree_with_the_plain_states(seed: int) -> None:
         assert priced(case, prices, i, plan[:, i]) == pytest.approx(values[i], abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_sparse_first_values_are_the_dense_ones(seed: int) -> None:
+    """But for a constant for every agent."""
+    case = random_case(seed, steps=1 + seed % 4, n=3, m=5)
+    made = oracle(case)
+    prices = some_prices(seed, case)
+    dense, gains = made.first_values(prices), made.first_gains(prices).toarray()
+    difference = dense - gains
+    np.testing.assert_allclose(difference, np.broadcast_to(difference[:, :1], difference.shape), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_window_that_goes_on_values_charge(seed: int) -> None:
+    """Paths end with the value of what is left, hard and soft; nobody dies; more charge is worth more, ever less."""
+    case = random_case(seed, steps=4, n=2, m=3)
+    problem = case.problem("sparse")
+    state = problem.initial_state()
+    made = problem.model.window_oracle(problem.benefits, state)
+    end = made.battery[-1]
+    worth = np.diff(end)[1:]
+    assert (worth >= 0).all()
+    assert (np.diff(worth) <= 1e-9).all()
+    prices = some_prices(seed, case)
+    values, plan = made.best_paths(prices)
+    unit = problem.dynamics.units.unit
+    for i in range(2):
+
+        def total(path: Any, i: int = i) -> float:
+            return priced(case, prices, i, path) + end[int(case.walk(i, path)[1][-1] / unit)]
+
+        best = max(total(path) for path in case.paths())
+        assert values[i] == pytest.approx(best, abs=1e-9)
+        assert total(plan[:, i]) == pytest.approx(best, abs=1e-9)
+        survives = any(case.walk(i, path)[1][-1] > 0 for path in case.paths())
+        assert case.walk(i, plan[:, i])[1][-1] > 0 or not survives
+        weights = [math.exp((total(path) - best) / 0.4) for path in case.paths()]
+        soft, _ = made.soft_paths(prices, 0.4)
+        assert soft[i] == pytest.approx(best + 0.4 * math.log(sum(weights)), abs=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_soft_values_bound_the_hard_ones_and_usage_is_their_slope(seed: int) -> None:
     """Soft values lie above the hard ones, approach them, and -usage is their derivative by the prices."""

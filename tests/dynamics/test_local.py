@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sapopt import SAP, Benefits, SwitchingCost
-from sapopt.dynamics.local import FirstValueOracle, LocalOracle, PathOracle, SoftPathOracle
+from sapopt import SAP, Benefits, SwitchingCost, bound, solve
+from sapopt.dynamics.arcs_build import model_graph
+from sapopt.dynamics.local import (
+    FirstValueOracle,
+    LocalOracle,
+    PathOracle,
+    SoftPathOracle,
+    compiled,
+    path_oracle,
+)
 from sapopt.dynamics.switching_paths import StrictSwitching, oracle
 from sapopt.dynamics.switching_paths_kernels import seen_tasks
 from sapopt.formulations.local import SwitchingStates
+from sapopt.solvers import DualDecomposition, DualLookahead, Exact
+from sapopt.verification import plain_bound
+from tests.local_dynamics import Dictator, Tiring
 
 RULES = ("strict", "idle is free", "matrix", "matrix, idle is free")
 
@@ -226,3 +238,83 @@ def test_what_makes_no_sense_is_refused() -> None:
         oracle(np.full((2, 1, 2), np.inf), SwitchingCost(0.5), None)
     with pytest.raises(ValueError, match="cost"):
         oracle(np.ones((2, 1, 2)), SwitchingCost(np.zeros((3, 3))), None)
+
+
+class _Wandering:
+    """A local model drawn at random: states with arbitrary successors and gains, most tasks alike, some forbidden."""
+
+    def __init__(self, seed: int, shape: tuple[int, int, int], states: int = 4) -> None:
+        rng = np.random.default_rng(seed)
+        T, n, m = shape
+        size = (T, n, states, m)
+        own = rng.random((T, n, 1, m)) < 0.4
+        successor = np.where(own, rng.integers(0, states, size), rng.integers(0, states, (*size[:3], 1)))
+        handover = np.where(own, rng.normal(size=size), rng.normal(size=(*size[:3], 1)))
+        forbidden = own & (rng.random(size) < 0.2)
+        self.successor, self.handover = successor, np.where(forbidden, -np.inf, handover)
+        self.benefits = np.where(own[:, :, 0] & (rng.random((T, n, m)) < 0.7), rng.random((T, n, m)), 0.0)
+        self.first = rng.integers(0, states, n)
+
+    def state_count(self) -> int:
+        return self.successor.shape[2]
+
+    def start(self, agent: int) -> int:
+        return int(self.first[agent])
+
+    def step(self, k: int, agent: int, benefit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.successor[k, agent], self.handover[k, agent]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_any_local_model_is_compiled(seed: int) -> None:
+    """The compiled oracle gives the plain one's values: hard, from every first task, and in the limit soft."""
+    model = _Wandering(seed, (5, 3, 6))
+    made = compiled(Benefits(model.benefits), model)
+    plain = LocalOracle(model.benefits, model)
+    assert isinstance(made, SoftPathOracle)
+    assert isinstance(made, FirstValueOracle)
+    prices = np.random.default_rng(seed).random((5, 6))
+    values, plan = made.best_paths(prices)
+    np.testing.assert_allclose(values, plain.best_paths(prices)[0], atol=1e-9)
+    np.testing.assert_allclose(made.first_values(prices), plain.first_values(prices), atol=1e-9)
+    for i in range(3):
+        state, total = model.start(i), 0.0
+        for k, j in enumerate(plan[:, i]):
+            total += model.benefits[k, i, j] + model.handover[k, i, state, j] - prices[k, j]
+            state = model.successor[k, i, state, j]
+        assert total == pytest.approx(values[i], abs=1e-9)
+    soft, usage = made.soft_paths(prices, 1e-3)
+    np.testing.assert_allclose(soft, values, atol=0.02)
+    np.testing.assert_allclose(usage.sum(axis=1), 3.0, atol=1e-9)
+
+
+def test_a_model_that_cannot_be_compressed_stays_plain(caplog: pytest.LogCaptureFixture) -> None:
+    """The log says that its paths are slow."""
+    model = _Wandering(0, (5, 3, 6))
+    assert model_graph(model, Benefits(model.benefits), most=10) is None
+    with pytest.MonkeyPatch.context() as patch, caplog.at_level(logging.WARNING):
+        patch.setattr(model_graph, "__defaults__", (10,))
+        assert isinstance(compiled(Benefits(model.benefits), model), LocalOracle)
+    assert "too many arcs" in caplog.text
+
+
+def test_states_alone_give_bounds_and_dual_solvers() -> None:
+    """A dynamics with nothing but a `local_model`: bound, dual lookahead and dual decomposition against brute force."""
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        benefits = np.where(rng.random((4, 2, 4)) < 0.5, rng.random((4, 2, 4)), 0.0)
+        problem = SAP(benefits, Tiring(0.7))
+        exact = solve(problem, Exact(method="dp")).value
+        assert exact - 1e-9 <= bound(problem).value <= exact + 0.7
+        for solver in (DualLookahead(3), DualDecomposition(iterations=80, rounds=1, sweeps=5)):
+            result = solve(problem, solver)
+            assert exact - 0.5 <= result.value <= exact + 1e-9
+        prices = bound(problem).prices
+        assert prices is not None
+        assert plain_bound(problem, prices) >= exact - 1e-9
+
+
+def test_what_is_not_local_is_refused() -> None:
+    """A global state has no paths."""
+    with pytest.raises(ValueError, match="agent-local"):
+        path_oracle(Dictator(), np.ones((2, 2, 3)), (0, 2, 3))
