@@ -12,6 +12,9 @@ import scipy.sparse as sp
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.result import Status
 from sapopt.solvers.dual_decomposition import DualDecomposition
+from sapopt.solvers.dual_decomposition.arrays import Arrays
+from sapopt.solvers.dual_decomposition.rolling import rolling_plan
+from sapopt.solvers.dual_decomposition.windowed import windowed_plan
 
 QUICK = DualDecomposition(iterations=80, rounds=4, sweeps=10)
 
@@ -175,3 +178,36 @@ def test_bad_options(options: dict[str, Any]) -> None:
     """The error names the option."""
     with pytest.raises(ValueError, match=next(iter(options))):
         DualDecomposition(**options)
+
+
+@pytest.mark.parametrize("n", [12, 16])
+def test_windowed_plans(n: int) -> None:
+    """Looking at the whole horizon they are as good as the dense rolling assignment; shorter or repriced, nearly so."""
+    problem = walking(n=n)
+    prices = solve(problem, DualDecomposition(iterations=80, rounds=0, sweeps=0, repricing=0)).prices
+    assert prices is not None
+    dense = rolling_plan(Arrays.of(problem), prices)
+    assert dense is not None
+    target = problem.evaluate(dense).value
+    for options in ({"window": problem.T}, {"window": 8}, {"window": 8, "iterations": 10}):
+        plan = windowed_plan(problem, prices, **options)
+        assert plan is not None
+        assert problem.evaluate(plan).value >= 0.98 * target
+    assert windowed_plan(problem, prices, lambda: True) is None
+
+
+def test_large_problems_are_planned_from_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The way of thousands of agents, at a size that can be tested."""
+    monkeypatch.setattr("sapopt.solvers.dual_decomposition.solver._LARGE", 0)
+    for problem in (walking(n=16), walking()):
+        result = solve(problem, QUICK)
+        assert result.gap is not None
+        assert result.gap < 0.02
+        assert "rolling assignment" in {record["phase"] for record in result.trace}
+
+
+def test_windowed_plans_need_sparse_values() -> None:
+    """Where idling is free the first values have no sparse form."""
+    problem = SAP(np.ones((3, 2, 3)), SwitchingCost(0.1, idle_is_free=True))
+    with pytest.raises(ValueError, match="sparse"):
+        windowed_plan(problem, np.zeros((3, 3)))

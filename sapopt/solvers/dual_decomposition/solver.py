@@ -23,6 +23,7 @@ from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
 from sapopt.solvers.dual_decomposition.neighbourhoods import Effort, improved
 from sapopt.solvers.dual_decomposition.rolling import rolling_plan
 from sapopt.solvers.dual_decomposition.sweeps import sweep
+from sapopt.solvers.dual_decomposition.windowed import windowed_plan
 from sapopt.solvers.haal import HAA
 
 log = logging.getLogger(__name__)
@@ -48,6 +49,12 @@ _REPRICING_SHARE = 0.5
 
 _FEWEST_REPRICINGS = 10
 """Dual iterations below which a repricing does more harm than good."""
+
+_LARGE = 4_000_000
+"""Pairs of agents and tasks above which plans are built from sparse values of windows."""
+
+_REPRICED_WINDOW = 10
+"""Steps whose prices are improved before each step of a large problem."""
 
 _REPRICING_HEAT = 0.01
 """Temperature of the repricing, in typical benefits."""
@@ -263,6 +270,10 @@ class _Search:
 
     def first_plans(self) -> Iterator[None]:
         """Build plans from the prices alone, the quick ones first."""
+        if self.is_large:
+            yield from self.windowed_plans()
+            yield from self.sweeps()
+            return
         plan = self.rolling("rolling assignment")
         if plan is not None:
             self.offer(plan, "rolling assignment")
@@ -274,6 +285,31 @@ class _Search:
                 self.offer(plan, "repriced assignment")
                 yield
         yield from self.sweeps()
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a matrix of all agents and tasks at every step is too much, and can be done without."""
+        return (
+            self.problem.n * self.problem.m > _LARGE
+            and self.arrays is not None
+            and hasattr(self.oracle(self.problem.T - 1, None), "first_rows")
+        )
+
+    def windowed_plans(self) -> Iterator[None]:
+        """Rolling assignments that look at a window of steps, without and with improved prices."""
+        assert self.prices is not None
+
+        def seconds(k: int) -> float:
+            return _REPRICING_SHARE * self.seconds_left() / (self.problem.T - k)
+
+        repriced = {"window": _REPRICED_WINDOW, "iterations": self.options.repricing, "seconds": seconds}
+        plain: dict[str, Any] = {}
+        for phase, options in (("rolling assignment", plain), ("repriced assignment", repriced)):
+            plan = windowed_plan(self.problem, self.prices, lambda at=phase: self.report(at), **options)  # type: ignore[misc]
+            if plan is None:
+                return
+            self.offer(plan, phase)
+            yield
 
     def sweeps(self) -> Iterator[None]:
         """Let the agents move to their best paths in turn, under prices that fall to nothing."""

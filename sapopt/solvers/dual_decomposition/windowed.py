@@ -1,0 +1,82 @@
+"""Rolling assignment for thousands of agents: sparse first values of a window, priced by the whole horizon.
+
+As `rolling`, but an agent's future is looked at for a window of steps only, and nothing of size (n, m) is built. The
+prices of the window may be improved before each step, from the assignment that is really held.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from sapopt.dynamics.first_rows import FirstRowsOracle
+from sapopt.dynamics.local import PathOracle, SoftPathOracle
+from sapopt.formulations.dual.lagrangian import lowered
+from sapopt.formulations.dual.smooth import SmoothDescent
+from sapopt.problem import SAP
+from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
+
+_HOT, _COLD, _RATE = 0.05, 0.01, 0.2
+"""Temperatures and step length of the repricing, as in `SmoothDescent`."""
+
+
+def windowed_plan(
+    problem: SAP,
+    prices: Floats,
+    stop: Callable[[], Any] = lambda: False,
+    *,
+    window: int = 20,
+    iterations: int = 0,
+    seconds: Callable[[int], float] = lambda k: np.inf,
+) -> Ints | None:
+    """Return the plan (T, n) of the rolling assignment, or None when ``stop()`` came true.
+
+    Parameters
+    ----------
+    prices : (T, m)
+        Prices of the cells.
+    window : int
+        Steps that are looked at.
+    iterations : int
+        Most dual iterations on the window's prices before each step.
+    seconds : callable
+        ``seconds(k)``: time that the iterations of step k may take.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics cannot value first tasks in sparse form.
+    """
+    plan = np.zeros((problem.T, problem.n), np.int64)
+    state = problem.initial_state()
+    prices = prices.copy()
+    for k in range(problem.T):
+        end = min(k + window, problem.T)
+        oracle = problem.model.path_oracle(problem.benefits.slice(k, end), state)
+        if not isinstance(oracle, FirstRowsOracle):
+            raise ValueError(f"dynamics: {type(problem.dynamics).__name__} has no sparse values of first tasks")
+        if iterations:
+            prices[k:end] = _repriced(oracle, prices[k:end], iterations, seconds(k))
+        # with a task to spare only prices of zero make the assignment optimal
+        plan[k] = oracle.first_rows(prices[k:end]).assign(prices[k] if problem.n == problem.m else None)
+        state = problem.transition(k, state, plan[k])
+        if stop():
+            return None
+    return plan
+
+
+def _repriced(oracle: PathOracle, prices: Floats, iterations: int, seconds: float) -> Floats:
+    if not isinstance(oracle, SoftPathOracle):
+        return prices
+    until = time.monotonic() + seconds
+    descent = SmoothDescent(iterations, hot=_HOT, cold=_COLD, rate=_RATE)
+    walk = descent.begin(prices)
+    cheaper = None
+    while walk.iteration < iterations and time.monotonic() < until:
+        if walk.iteration % 10 == 0:
+            cheaper, walk = descent.cheaper(oracle, walk)
+        walk = descent.step(oracle, walk, cheaper)
+    return lowered(walk.prices)
