@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from sapopt import SAP, SwitchingCost, solve
-from sapopt.solvers import HAA, HAAL
+from sapopt.solvers import HAA, HAAL, HAALD, CentralHAALD
 from sapopt.solvers.exact import Exact
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
@@ -99,6 +99,22 @@ def test_library_haal_plus(entry: dict[str, Any]) -> None:
     assert Fraction(solve(problem, solver).value) == reference
     c = entry["model"].least() / entry["model"].worst_handover()
     assert Fraction(solve(problem, solver).value) >= c / (1 + c) * Fraction(entry["optimal_value"])
+
+
+def test_conjecture_is_false_in_both_directions() -> None:
+    """HAAL-D (conjecture 3.5.1) far below HAAL on D1 and D3, and far above it on B2; its bids lose nothing here."""
+    expected = {"D1": (14, 23), "D3": (216, 312), "B2": (3866, 3330)}
+    for name, (distributed, central) in expected.items():
+        entry = next(e for e in KNOWN if e["name"].startswith(name))
+        problem = SAP(
+            np.array(entry["benefits"], dtype=float),
+            SwitchingCost(entry["cost"]),
+            entry["initial_assignment"],
+        )
+        lookahead = entry["lookahead"]
+        assert solve(problem, HAALD(lookahead, epsilon=0.01)).value == distributed
+        assert solve(problem, CentralHAALD(lookahead)).value == distributed
+        assert solve(problem, HAAL(lookahead)).value == central
 
 
 def test_small_lookahead_and_haal_plus_keep_the_promise() -> None:

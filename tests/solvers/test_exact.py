@@ -12,10 +12,13 @@ from local_dynamics import Dictator, Tiring
 from strategies import Instance
 
 from sapopt import SAP, InfeasibleError, Status, SwitchingCost, solve
+from sapopt.control import Run
+from sapopt.formulations.highs import Programme, SolverError, maximise
 from sapopt.formulations.milp import MissingSolverError
 from sapopt.solvers import HAAL
 from sapopt.solvers.exact import Exact
 from sapopt.solvers.exact.dp import TooLargeError, best_plan
+from sapopt.solvers.exact.warm import Incumbent
 
 METHODS = ("network", "milp", "qap", "dp")
 CHUNKS = 12
@@ -228,6 +231,32 @@ def test_bad_arguments() -> None:
         solve(big, Exact("dp"))
     with pytest.raises(TooLargeError, match="states at step"):
         best_plan(SAP(np.random.default_rng(0).random((3, 3, 4)), SwitchingCost(1.0)), limit=100)
+
+
+def test_endings_are_told_apart() -> None:
+    """Optimal, feasible with a bound, out of time, stopped by the callback, and no plan at all."""
+    problem = SAP(np.random.default_rng(0).random((20, 20, 24)), SwitchingCost(0.5))
+    result = solve(problem, Exact(), time_limit=0.3)
+    assert result.status is Status.TIME_LIMIT
+    result = solve(problem, Exact(), callback=lambda progress: progress.bound is not None)
+    assert result.status is Status.INTERRUPTED
+    best = Incumbent(result.plan, result.value)
+    exact = Exact()
+    assert exact._outcome(problem, Run(), best, result.value).status is Status.OPTIMAL
+    open_end = exact._outcome(problem, Run(), best, result.value + 1.0)
+    assert open_end.status is Status.FEASIBLE
+    assert open_end.bound == result.value + 1.0
+    with pytest.raises(SolverError, match="found no plan"):
+        exact._outcome(problem, Run(), Incumbent(), np.inf)
+
+
+def test_failing_solver_is_an_error() -> None:
+    """A programme that HiGHS refuses is an error, never an answer."""
+    broken = Programme(
+        np.array([np.nan, 1.0]), np.array([[1.0, np.inf]]), np.zeros(1), np.ones(1), np.ones(2), np.ones(2, dtype=bool)
+    )
+    with pytest.raises(SolverError, match="HiGHS"):
+        maximise(broken)
 
 
 def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

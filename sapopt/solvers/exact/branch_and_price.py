@@ -30,8 +30,10 @@ _CUTS = 100
 _ROUNDS = 15
 _SHARE = 0.2
 """Share of the time left for better plans before the proof, at most."""
-_QUIET = 0.02
-"""Share of the time left after which the search for better plans ends without one."""
+_POLISH = 0.01
+"""Share of the time left that is spent on a plan which a dive during the proof has found."""
+_QUIET = 0.15
+"""Share of that time after which the search for better plans ends without one."""
 
 
 class BranchAndPrice:
@@ -64,6 +66,7 @@ class BranchAndPrice:
         self._note = note
         self.bound = np.inf
         self.lock = threading.Lock()
+        self.local: Neighbourhoods | None = None
 
     def solve(self, threads: int) -> None:
         """Run all phases; ends early when the time is up."""
@@ -81,7 +84,7 @@ class BranchAndPrice:
                 return
         keep = np.flatnonzero(regret <= self._gap())
         stays, regret = stays.only(keep), regret[keep]
-        tree = Tree(stays, np.argsort(regret)[:_BEGIN], self.bound, self._found, self._target, self._watch)
+        tree = Tree(stays, np.argsort(regret)[:_BEGIN], self.bound, self._found, self._target, self._watch, self._polish)
         tree.cuts, tree.right = master.cuts[:, keep], master.right
         bound = tree.search(threads)
         self._tell("branch and price", bound)
@@ -124,11 +127,11 @@ class BranchAndPrice:
                 master, regret > self._gap(), lambda: -np.inf, self.run.rng, noise, lambda: self.run.expired
             )
 
-        seconds = min(_SHARE * self.run.seconds_left, 2.0 + len(regret) / 300)
-        search = Neighbourhoods(
+        seconds = min(_SHARE * self.run.seconds_left, 1.0 + len(regret) / 1500)
+        self.local = search = Neighbourhoods(
             self.problem, StaysForm(master.stays, regret), sample, self.bound, self.run, self._found, self.tolerance
         )
-        search.improve(self.best, seconds, 1.0 + _QUIET * self.run.seconds_left if np.isfinite(seconds) else 20.0)
+        search.improve(self.best, seconds, _QUIET * (seconds + 3.0))
 
     def _tell(
         self,
@@ -145,6 +148,12 @@ class BranchAndPrice:
     def _found(self, plan: IntArray) -> float:
         self._tell("plan", plan=plan)
         return self.best.value
+
+    def _polish(self, plan: IntArray) -> None:
+        self._found(plan)
+        if self.local is not None:
+            left = self.run.seconds_left
+            self.local.polish(plan, _POLISH * left if np.isfinite(left) else 5.0)
 
     def _watch(self, bound: float, nodes: int) -> bool:
         if bound < self.bound - 1e-7 * max(1.0, abs(bound)):

@@ -46,7 +46,7 @@ def dive(
     settled: set[int] = set()
     while not stop():
         relaxed = master.solve(closed, floor())
-        if relaxed.bound <= floor():
+        if relaxed.bound <= floor() or not relaxed.complete:
             return None
         if relaxed.whole:
             return stays.plan_of(relaxed.stays[relaxed.x > 0.5])

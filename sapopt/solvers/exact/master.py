@@ -14,6 +14,8 @@ from sapopt.types import FloatArray, IntArray
 
 _BATCH = 800
 """Stays that are added at a time."""
+_RAISES = 5
+"""How often the penalty of a step left out is raised tenfold before a node is given up."""
 _ROUNDING = 1e-11
 """Relative padding of a bound: sums of some thousand terms in float64 are closer than that."""
 
@@ -32,6 +34,8 @@ class Relaxed:
         Their shares.
     whole : bool
         Whether the shares make up a plan.
+    complete : bool
+        Whether no step was left out, as it is where the open stays allow no plan.
     prices : ndarray, shape (T, m)
         Prices that prove the bound.
     """
@@ -40,6 +44,7 @@ class Relaxed:
     stays: IntArray
     x: FloatArray
     whole: bool
+    complete: bool
     prices: FloatArray
 
 
@@ -129,6 +134,7 @@ class Master:
         """Solve over all stays but those of the mask `closed`; stops early at a bound below the cut-off."""
         bound = np.inf
         prices = self.last_prices
+        raised = 0
         while True:
             self.close(closed)
             self.solver.run()
@@ -147,24 +153,26 @@ class Master:
             chosen = chosen[better[chosen] > 0]
             if len(chosen):
                 self.add(chosen)
-            elif self._left_out() > 1e-6:
-                self._raise_penalty()
+            elif self._left_out() > 1e-6 and raised < _RAISES and cutoff > -np.inf:
+                raised += 1
+                self._set_penalty(10.0**raised * self.penalty)
             else:
                 break
+        if raised:
+            self._set_penalty(self.penalty)
         self.last_prices = prices
         x = np.asarray(self.solver.getSolution().col_value)
         left_out, x = x[: self.artificial], x[self.artificial :]
         whole = bool((left_out < 1e-6).all() and (np.minimum(x, 1 - x) < 1e-6).all())
-        return Relaxed(bound, self.columns, x, whole, prices)
+        return Relaxed(bound, self.columns, x, whole, bool((left_out < 1e-6).all()), prices)
 
     def _left_out(self) -> float:
         return float(np.asarray(self.solver.getSolution().col_value)[: self.artificial].max())
 
-    def _raise_penalty(self) -> None:
-        """Make it dearer to leave a step out: done only where a node has no plan, whose bound then falls without end."""
-        self.penalty *= 10.0
+    def _set_penalty(self, penalty: float) -> None:
+        """Make it dearer to leave a step out: where a node has no plan, its bound then falls below the cut-off."""
         count = self.artificial
-        self.solver.changeColsCost(count, np.arange(count, dtype=np.int32), np.full(count, self.penalty))
+        self.solver.changeColsCost(count, np.arange(count, dtype=np.int32), np.full(count, penalty))
 
     def proof(self, closed: np.ndarray) -> Proof:
         """Lagrangian bound by the duals of the last programme."""

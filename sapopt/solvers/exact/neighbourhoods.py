@@ -90,6 +90,12 @@ class Neighbourhoods:
                 pool = [best, *pool][:_POOL]
         return best
 
+    def polish(self, plan: IntArray, seconds: float) -> None:
+        """Improve another plan for some seconds; better ones are noted."""
+        self.stop_at = self.run.seconds + seconds
+        self.quiet = np.inf
+        self._descend(Incumbent().better(self.problem, plan), _SMALL, 12)
+
     def _going(self, best: Incumbent) -> bool:
         if best.plan is not None and best.value >= self.bound - self.tolerance * self.scale:
             return False

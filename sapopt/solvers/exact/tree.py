@@ -63,6 +63,8 @@ class Tree:
         ``target() -> value``: parts that cannot be worth more need no search.
     watch : callable
         ``watch(bound, nodes) -> stop?``, called after every node.
+    polish : callable, optional
+        ``polish(plan)``, given a plan now and then; `found` if omitted.
     """
 
     def __init__(
@@ -73,12 +75,14 @@ class Tree:
         found: Callable[[IntArray], float],
         target: Callable[[], float],
         watch: Callable[[float, int], bool],
+        polish: Callable[[IntArray], object] | None = None,
     ) -> None:
         self.stays = stays
         self.begin = begin
         self.found = found
         self.target = target
         self.watch = watch
+        self.polish = polish or found
         self.cuts, self.right = coefficients(stays, [])
         self.count = itertools.count()
         self.queue = [Node((-bound, next(self.count)), ())]
@@ -176,16 +180,21 @@ class Tree:
             return []
         if number == 0 and self.nodes >= self.next_dive:
             self.next_dive = self.nodes + _DIVES
-            plan = dive(master, closed, self.target, self.rng, 0.2, lambda: self.stop)
+            plan = dive(master, closed, lambda: -np.inf, self.rng, 0.2, lambda: self.stop)
             if plan is not None:
-                self.found(plan)
+                self.polish(plan)
             relaxed = master.solve(closed, self.target())
             if relaxed.bound <= self.target() or relaxed.whole:
                 with self.change:
                     self.pruned = max(self.pruned, min(bound, relaxed.bound))
                 return []
         tries = _TRIED[min(len(node.branches) // 4, len(_TRIED) - 1)]
-        branch, bounds = self._choose(master, closed, relaxed, tries)
+        candidates = self._candidates(relaxed, tries)
+        if not candidates:  # no plan, though the prices do not show it
+            with self.change:
+                self.pruned = max(self.pruned, bound)
+            return []
+        branch, bounds = self._choose(master, closed, relaxed, candidates)
         return [
             Node((-min(bound, limit), next(self.count)), (*node.branches, (*branch, yes)))
             for yes, limit in zip((True, False), bounds, strict=True)
@@ -215,13 +224,13 @@ class Tree:
         return out
 
     def _choose(
-        self, master: Master, closed: np.ndarray, relaxed: Relaxed, tries: int
+        self, master: Master, closed: np.ndarray, relaxed: Relaxed, candidates: list[tuple[str, int, int, int]]
     ) -> tuple[tuple[str, int, int, int], tuple[float, float]]:
         """The branch that lowers the bound most, and the bounds of its two parts."""
         basis = master.solver.getBasis()
         best, best_score = None, -1.0
         limits = (relaxed.bound, relaxed.bound)
-        for branch in self._candidates(relaxed, tries):
+        for branch in candidates:
             parts = []
             for yes in (True, False):
                 parts.append(
