@@ -266,3 +266,16 @@ def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(MissingSolverError, match=r"sapopt\[exact\]"):
         solve(problem, Exact("milp"))
     assert solve(problem, Exact()).status is Status.OPTIMAL
+
+
+def test_networks_that_are_too_large(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """Where building the network would take all the time or memory, prices plan and prove, and the log says so."""
+    problem = SAP(np.random.default_rng(0).random((6, 4, 6)), SwitchingCost(0.3))
+    exact = solve(problem, Exact())
+    assert not caplog.text
+    monkeypatch.setattr("sapopt.solvers.exact.planner._MOST_PLACES", 100)
+    priced = solve(problem, Exact(), time_limit=5.0)
+    assert "too large to build" in caplog.text
+    assert priced.value <= exact.value + 1e-9
+    assert priced.bound is not None
+    assert priced.bound >= exact.value - 1e-9

@@ -20,6 +20,8 @@ from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES, Simu
 from sapopt.types import FloatArray, IntArray
 
 _GOLDEN = 0.6180339887498949
+_LOOK_SECONDS = 0.05
+"""Time between two looks at the clock while auctions are held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,7 @@ def run_auctions(
     `epsilon`. When nobody has been outbid, every component's assignment is within ``epsilon`` times its size of its
     best. See `Simulator.run` for how the agents know that.
     """
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import ThreadPoolExecutor, wait
 
     import numba
 
@@ -105,13 +107,15 @@ def run_auctions(
     mine = np.empty((len(rows), bidders), dtype=np.int64)
     agreed = np.ones(n, dtype=bool)
 
+    scene.simulator.check()
+    stop = np.zeros(1, dtype=np.bool_)  # the auctions look at it, this thread at the clock
+
     def play(a: int, eps: float) -> tuple[np.ndarray, np.ndarray]:
-        scene.simulator.check()
         row = rows[a]
         owners[a] = -1
         mine[a], entries, bids, stuck = auction(
             *network.rings, row.row_start, row.tasks, row.gains, row.held, row.held_gain, spread,
-            prices[a], owners[a], eps, _range(row), bidders, max_rounds,
+            prices[a], owners[a], eps, _range(row), bidders, max_rounds, stop,
         )  # fmt: skip
         if stuck >= 0:
             raise InfeasibleError(f"agent {stuck} has no task that it may take")
@@ -119,11 +123,15 @@ def run_auctions(
 
     for eps in _phases(rows, epsilon, scaling, n, m):
         threads = min(len(rows), int(numba.get_num_threads()))
-        if threads > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                played = list(pool.map(lambda a, eps=eps: play(a, eps), range(len(rows))))
-        else:
-            played = [play(a, eps) for a in range(len(rows))]
+        with ThreadPoolExecutor(threads) as pool:
+            auctions = [pool.submit(play, a, eps) for a in range(len(rows))]
+            try:
+                while wait(auctions, timeout=_LOOK_SECONDS).not_done:
+                    scene.simulator.check()
+            except BaseException:
+                stop[0] = True
+                raise
+        played = [one.result() for one in auctions]
         agreed &= _account(scene.simulator, network, played, max_rounds)
     tasks = np.where(agreed, mine[:, :n], -1)
     return Auctions(tasks, agreed, prices.transpose(0, 2, 1), owners.transpose(0, 2, 1))

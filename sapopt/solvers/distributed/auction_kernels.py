@@ -83,7 +83,7 @@ def best_bid(
 @njit(cache=True, nogil=True)
 def auction(
     ring_start, ring_agents, row_start, tasks, gains, held, held_gain, spread, price, bidder,
-    epsilon, widest, bidders, max_rounds,
+    epsilon, widest, bidders, max_rounds, stop,
 ):  # fmt: skip
     """Play one auction until nothing changes or the round limit is reached.
 
@@ -102,6 +102,8 @@ def auction(
     bidders : int
         Bidders, at least n. Bidder n + q is a virtual one that values all tasks alike, and lives at agent q modulo n.
     max_rounds : int
+    stop : ndarray of bool, shape (1,)
+        Set by another thread to end the auction; what it returns then is of no use.
 
     Returns
     -------
@@ -181,7 +183,7 @@ def auction(
                 bid_agent[active], bid_task[active], bid_owner[active] = i, task, v
                 bid_price[active], bid_round[active] = bid, r
                 active += 1
-        if stuck >= 0 or not any_news or r == max_rounds:
+        if stuck >= 0 or not any_news or r == max_rounds or stop[0]:
             break
         r += 1
         if r == room:

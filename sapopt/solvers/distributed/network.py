@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -52,14 +53,19 @@ class Network:
             raise ValueError(
                 f"graph must have the nodes 0..{n - 1}; use networkx.convert_node_labels_to_integers"
             )
-        pairs = np.array([(a, b) for a, b in graph.edges()], dtype=np.int64).reshape(-1, 2)
-        return cls.from_pairs(pairs, n)
+        # A graph a step, all read before the first one: no Python per edge here.
+        rows = dict(graph.adjacency())
+        counts = np.fromiter(map(len, rows.values()), np.int64, len(rows))
+        heard = np.fromiter(chain.from_iterable(rows.values()), np.int64, int(counts.sum()))
+        agents = np.repeat(np.fromiter(rows, np.int64, len(rows)), counts)
+        return cls.from_pairs(np.stack([agents, heard], axis=1), n)
 
     @classmethod
     def from_pairs(cls, pairs: IntArray, n: int) -> Network:
         """Build from undirected edges, shape ``(edges, 2)``."""
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-        codes = np.unique(np.concatenate([pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]]))
+        codes = np.sort(np.concatenate([pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]]))
+        codes = codes[np.diff(codes, prepend=-1) > 0]
         start = np.concatenate([[0], np.cumsum(np.bincount(codes // n, minlength=n))])
         return cls(start.astype(np.int64), (codes % n).astype(np.int32))
 

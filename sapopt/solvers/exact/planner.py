@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,14 +11,25 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from sapopt.control import Run
+from sapopt.dynamics.switching import SwitchingCost
 from sapopt.feasibility import InfeasibleError
 from sapopt.formulations import milp, network, qap
 from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.problem import SAP
 from sapopt.result import Status
 from sapopt.solvers.base import Outcome
+from sapopt.solvers.dual_decomposition import DualDecomposition
 from sapopt.solvers.exact import dp, infeasible, search, warm
 from sapopt.types import FloatArray, IntArray
+
+log = logging.getLogger(__name__)
+
+_MOST_PLACES = 15_000_000
+"""Steps x agents x tasks up to which the network is built: some 400 bytes each, 6 GiB in all."""
+_PLACES_A_SECOND = 1_000_000
+"""Places whose arcs are built in a second, at least."""
+_BUILDING_SHARE = 0.3
+"""Share of a time limit that building the network may take."""
 
 Method = Literal["network", "milp", "qap", "dp"]
 
@@ -93,6 +105,13 @@ class Exact:
         return methods[self.method](problem, run)
 
     def _network(self, problem: SAP, run: Run) -> Outcome:
+        size = problem.T * problem.n * problem.m
+        slow = size / _PLACES_A_SECOND > _BUILDING_SHARE * run.seconds_left
+        if (size > _MOST_PLACES or slow) and isinstance(problem.model, SwitchingCost):
+            log.warning(
+                "Exact: the network of %d places is too large to build; planning with prices instead", size
+            )
+            return DualDecomposition(tolerance=max(self.tolerance, 1e-9)).plan(problem, run)
         state = search.solve(problem, run, self.tolerance, self.reduced_costs)
         return self._outcome(problem, run, state.best, state.bound, state.trace, state.prices)
 
