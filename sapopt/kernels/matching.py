@@ -53,7 +53,7 @@ def solve_rows(row_start, tasks, gains, held, held_gain, order, careful):
         Optimal prices of the tasks.
     """
     starts, choices, worth = positive_rows(row_start, tasks, gains, held, held_gain)
-    chosen, owner, u, p = match(starts, choices, worth, len(order))
+    chosen, owner, u, p, _, _ = match(starts, choices, worth, len(order))
     ties.settle(starts, choices, worth, chosen, owner, u, p)
     gain = 0.0
     for i in range(len(chosen)):
@@ -122,6 +122,8 @@ def match(row_start, tasks, gains, m):
         Agent of every task, -1 if free.
     u, p : ndarray of float64
         Utilities of the agents and prices of the tasks, a proof of optimality.
+    augmentations, scanned : int
+        Agents that needed a search, and entries of rows looked at: the work, whatever the machine.
     """
     n = len(row_start) - 1
     chosen = np.full(n, -1, np.int64)
@@ -130,10 +132,12 @@ def match(row_start, tasks, gains, m):
     p = np.zeros(m)
     queue = np.arange(n)
     waiting = n
+    scanned = 0
     for _ in range(_ROUNDS):
         if waiting == 0:
             break
-        waiting = _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting)
+        waiting, seen = _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting)
+        scanned += seen
     if waiting > 0:
         dist = np.full(m, np.inf)
         via = np.empty(m, np.int64)
@@ -142,25 +146,28 @@ def match(row_start, tasks, gains, m):
         heap_key = np.empty(row_start[n] + 1)
         heap_task = np.empty(row_start[n] + 1, np.int64)
         for q in range(waiting):
-            _augment(
+            scanned += _augment(
                 queue[q], row_start, tasks, gains, chosen, owner, u, p,
                 dist, via, done, touched, heap_key, heap_task,
             )  # fmt: skip
-    return chosen, owner, u, p
+    return chosen, owner, u, p, waiting, scanned
 
 
 @njit(cache=True, nogil=True)
 def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
-    """One pass of row reduction over the queue; who is left without a task is queued again, their number returned.
+    """One pass of row reduction over the queue; who is left without a task is queued again.
 
-    An agent takes its best task and prices it up to its own second choice; who held it tries again.
+    An agent takes its best task and prices it up to its own second choice; who held it tries again. Returns how many
+    are queued, and how many entries were looked at.
     """
     again = 0
+    scanned = 0
     for q in range(waiting):
         i = queue[q]
         best, second, task = 0.0, 0.0, np.int64(-1)
         for e in range(row_start[i], row_start[i + 1]):
             g = gains[e]
+            scanned += 1
             if g <= second:
                 break
             net = g - p[tasks[e]]
@@ -188,15 +195,19 @@ def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
             u[i] = best
         owner[task] = i
         chosen[i] = task
-    return again
+    return again, scanned
 
 
 @njit(cache=True, nogil=True)
 def _augment(
     start, row_start, tasks, gains, chosen, owner, u, p, dist, via, done, touched, heap_key, heap_task
 ):
-    """Insert one unassigned agent by a shortest augmenting path (Dijkstra on reduced costs)."""
+    """Insert one unassigned agent by a shortest augmenting path (Dijkstra on reduced costs).
+
+    Returns how many entries were looked at.
+    """
     utility = 0.0
+    scanned = 0
     for e in range(row_start[start], row_start[start + 1]):
         if gains[e] <= utility:
             break
@@ -213,6 +224,7 @@ def _augment(
     while True:
         base = length + u[i]
         for e in range(row_start[i], row_start[i + 1]):
+            scanned += 1
             if base - gains[e] >= end_length:
                 break
             j = np.int64(tasks[e])
@@ -272,6 +284,7 @@ def _augment(
     for t in range(n_touched):
         dist[touched[t]] = np.inf
         done[touched[t]] = False
+    return scanned
 
 
 @njit(cache=True, nogil=True)

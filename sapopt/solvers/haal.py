@@ -104,6 +104,10 @@ class HAAL:
         """Empty memory."""
         return HAALMemory()
 
+    def record(self, memory: HAALMemory) -> dict[str, int]:
+        """For the trace: assignment problems solved so far."""
+        return {"assignment_problems": memory.assignment_problems}
+
     def act(self, outlook: Outlook, memory: HAALMemory) -> tuple[IntArray, HAALMemory]:
         """Execute the first assignment of the best sequence of intervals."""
         if memory.windows is not outlook.windows:
