@@ -164,6 +164,10 @@ class Network:
         return plan
 
 
+_MOST_ARCS = 20_000_000
+"""Arcs of a network of states beyond which memory runs out before any solver could use them (3 GB)."""
+
+
 class NetworkOracle:
     """Longest priced paths of the agents through a network (a `sapopt.dynamics.local.PathOracle`)."""
 
@@ -245,6 +249,7 @@ def _state_network(problem: SAP, states: LocalModel) -> Network:
     T, n, m = problem.benefits.shape
     S = states.state_count()
     parts = []
+    arcs = 0
     for i in range(n):
         reached = np.zeros(S, dtype=bool)
         reached[states.start(i)] = True
@@ -260,6 +265,12 @@ def _state_network(problem: SAP, states: LocalModel) -> Network:
             parts.append((tail, head, gain[state, task], k * m + task, full, k, k))
             reached = np.zeros(S, dtype=bool)
             reached[target] = True
+            arcs += len(state)
+            if arcs > _MOST_ARCS:
+                raise ValueError(
+                    f"the network of all states has more than {_MOST_ARCS:,} arcs, too many for an exact method; "
+                    "DualDecomposition gives a plan and a bound at this size"
+                )
     source = np.arange(n) * S + np.array([states.start(i) for i in range(n)])
     return _sorted(problem.benefits.shape, parts, source, (T + 1) * n * S)
 

@@ -13,6 +13,7 @@ from sapopt.dynamics import Battery
 from sapopt.dynamics.local import LocalOracle
 from sapopt.domains.power import power_constellation
 from sapopt.domains.constellation import WalkerShell
+from sapopt.formulations.network import compile as compile_network
 from sapopt.result import Status
 from sapopt.solvers import HAA, DualDecomposition, DualLookahead, Exact
 from sapopt.solvers.dual_decomposition import paths
@@ -108,6 +109,22 @@ def test_no_spare_task() -> None:
     assert result.value > solve(problem, HAA()).value
     assert result.gap is not None
     assert result.gap < 0.15
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_exact_by_network(seed: int) -> None:
+    """The time-expanded network of the plain states has the optimum of brute force; a huge one is refused in time."""
+    problem = random_case(seed, steps=3, n=2, m=3).problem()
+    network, brute = (solve(problem, Exact(method=method)).value for method in ("network", "dp"))
+    assert network == pytest.approx(brute, abs=1e-6)
+
+
+def test_a_network_that_fits_no_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message names the method that does serve."""
+    problem = power_constellation(steps=20).problem()
+    monkeypatch.setattr("sapopt.formulations.network._MOST_ARCS", 100_000)
+    with pytest.raises(ValueError, match="DualDecomposition"):
+        compile_network(problem)
 
 
 def test_sweeps_without_a_placing_oracle_do_the_same() -> None:
