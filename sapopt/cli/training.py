@@ -83,7 +83,7 @@ def train_reda(
     policy = solvers.AssignmentPolicy(getattr(solvers, guide))
     with Reporter() as reporter, work.watched(f"training REDA on {instance}", reporter) as (phase, callback):
         run = Run(time_limit=time_limit, callback=callback)
-        training = learning.train_reda(lambda s: build(instance, s), policy, options, out, run)
+        training = learning.train(lambda s: build(instance, s), policy, options, out, run)
         phase.note = f"{training.episodes} episodes, best evaluation {training.value:,.1f}"
     report: dict[str, Any] = {
         "instance": instance,
@@ -94,7 +94,7 @@ def train_reda(
         "seconds": run.seconds,
         "environment": show.environment(),
     }
-    learning.save_network(training.reda.network, weights, report)
+    learning.save_network(training.network, weights, report)
     report["weights"] = str(weights)
     if as_json:
         show.print_json(report)

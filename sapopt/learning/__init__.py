@@ -13,8 +13,9 @@ except ImportError as error:
 from sapopt.learning.environment import Environment
 from sapopt.learning.network import Network, load_network, save_network
 from sapopt.learning.observation import ObservationSpec
+from sapopt.learning.options import TrainOptions
 from sapopt.learning.reda import REDA
-from sapopt.learning.train import TrainOptions, train_reda
+from sapopt.learning.train import Training, train
 
 __all__ = [
     "REDA",
@@ -22,7 +23,8 @@ __all__ = [
     "Network",
     "ObservationSpec",
     "TrainOptions",
+    "Training",
     "load_network",
     "save_network",
-    "train_reda",
+    "train",
 ]

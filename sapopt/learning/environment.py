@@ -12,36 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.learning.observation import ObservationSpec, observe
+from sapopt.learning.observation import Spec
 from sapopt.outlook import Outlook, WindowSums
 from sapopt.problem import SAP
 from sapopt.types import FloatArray, IntArray
-
-
-def charge_of(model: Any, state: Any) -> FloatArray | None:
-    """Charges (n,) in a state, in parts of the capacity; None where the model knows no charge."""
-    if not hasattr(model, "charge_of"):
-        return None
-    return np.asarray(model.charge_of(state) / model.capacity)
-
-
-def held_by(state: Any) -> IntArray | None:
-    """Previous assignment (n,) in a state of one of the library's dynamics; None before a first free step.
-
-    Raises
-    ------
-    ValueError
-        If the state does not show it.
-    """
-    if state is None or isinstance(state, np.ndarray):
-        return state
-    if not hasattr(state, "held"):
-        raise ValueError(
-            f"dynamics: a state of type {type(state).__name__} shows no previous assignment; learned policies need "
-            "an array of tasks, or an attribute `held`"
-        )
-    held: IntArray | None = state.held
-    return held
 
 
 class Environment:
@@ -57,7 +31,6 @@ class Environment:
     def __init__(self, problem: SAP, conflicts_shared: bool = False) -> None:
         self.problem = problem
         self.conflicts_shared = conflicts_shared
-        self._flat = problem.benefits.flat()
         self._parking = np.arange(problem.m)
         self.reset()
 
@@ -77,10 +50,10 @@ class Environment:
         self._windows.forget(before=self.k)
         return Outlook(self.k, self.problem.T, self.state, self.problem, self._windows, self._parking)
 
-    def observe(self, spec: ObservationSpec) -> tuple[np.ndarray, IntArray]:
-        """Observations of all agents now, and the tasks that they list (see `sapopt.learning.observation`)."""
-        charge = charge_of(self.problem.model, self.state)
-        return observe(self._flat, self.problem.benefits.shape, self.k, held_by(self.state), charge, spec)
+    def observe(self, spec: Spec) -> tuple[np.ndarray, IntArray]:
+        """Observations of all agents now, and the tasks that they list (see `Spec.look`)."""
+        problem = self.problem
+        return spec.look(problem.benefits, self.k, problem.model, self.state, self.k)
 
     def step(self, assignment: IntArray) -> FloatArray:
         """Play one assignment.

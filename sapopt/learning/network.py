@@ -14,9 +14,12 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from sapopt.learning.observation import ObservationSpec
+from sapopt.learning.global_observation import GlobalSpec
+from sapopt.learning.observation import ObservationSpec, Spec
 
 FORMAT = "sapopt-network-1"
+
+_SPECS: dict[str, Any] = {"local": ObservationSpec, "global": GlobalSpec}
 
 
 class Network(torch.nn.Module):
@@ -24,16 +27,14 @@ class Network(torch.nn.Module):
 
     Parameters
     ----------
-    spec : ObservationSpec
+    spec : Spec
     hidden : sequence of int
         Sizes of the hidden layers; 64 and 64 in the thesis.
     outputs : int, optional
         ``spec.actions`` by default.
     """
 
-    def __init__(
-        self, spec: ObservationSpec, hidden: Sequence[int] = (64, 64), outputs: int | None = None
-    ) -> None:
+    def __init__(self, spec: Spec, hidden: Sequence[int] = (64, 64), outputs: int | None = None) -> None:
         super().__init__()
         self.spec = spec
         self.hidden = tuple(hidden)
@@ -57,7 +58,7 @@ class Network(torch.nn.Module):
 
 
 def new_network(
-    spec: ObservationSpec, seed: int, hidden: Sequence[int] = (64, 64), outputs: int | None = None
+    spec: Spec, seed: int, hidden: Sequence[int] = (64, 64), outputs: int | None = None
 ) -> Network:
     """A network with random weights that depend on `seed` alone; torch's global generator is left as it was."""
     with torch.random.fork_rng(devices=[]):
@@ -69,7 +70,7 @@ def save_network(network: Network, path: str | Path, about: dict[str, Any] | Non
     """Write weights, sizes and `about` (anything JSON can hold: command, seed, results) to a safetensors file."""
     meta = {
         "format": FORMAT,
-        "spec": json.dumps(asdict(network.spec)),
+        "spec": json.dumps(_described(network.spec)),
         "hidden": json.dumps(network.hidden),
         "outputs": str(network.outputs),
         "about": json.dumps(about or {}),
@@ -104,7 +105,8 @@ def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
             f"{path}: not weights of sapopt (format {meta.get('format')!r}, expected {FORMAT!r})"
         )
     try:
-        spec = ObservationSpec(**json.loads(meta["spec"]))
+        described = json.loads(meta["spec"])
+        spec = _SPECS[described.pop("kind", "local")](**described)
         hidden = [int(size) for size in json.loads(meta["hidden"])]
         outputs = int(meta["outputs"])
         about = dict(json.loads(meta["about"]))
@@ -120,3 +122,8 @@ def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
             raise ValueError(f"{path}: weights {name!r} are not finite numbers")
     network.load_state_dict(tensors)
     return network, about
+
+
+def _described(spec: Any) -> dict[str, Any]:
+    kind = next(kind for kind, cls in _SPECS.items() if type(spec) is cls)
+    return {"kind": kind, **asdict(spec)}

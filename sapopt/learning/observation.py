@@ -19,12 +19,12 @@ neighbours and steps beyond the horizon are zeros.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sapopt.benefits import Flat
+from sapopt.benefits import Benefits, Flat
 from sapopt.matrices import GainMatrix
 from sapopt.solvers.base import check_lookahead
 from sapopt.types import FloatArray, IntArray
@@ -74,6 +74,87 @@ class ObservationSpec:
     def actions(self) -> int:
         """Outputs of a network: the M tasks, and any other task."""
         return self.tasks + 1
+
+    def look(
+        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+    ) -> tuple[NDArray[np.float32], IntArray]:
+        """Observations of all agents, see `Spec.look`.
+
+        Raises
+        ------
+        ValueError
+            If charges are to be observed and the dynamics has none, or the other way round.
+        """
+        charge = charge_of(model, state)
+        if self.charge != (charge is not None):
+            need = "needs a dynamics with charges" if self.charge else "was made for problems without charges"
+            raise ValueError(f"this observation {need}, not for {type(model).__name__}")
+        return observe(benefits.flat(), benefits.shape, k, held_by(state), charge, self)
+
+
+@runtime_checkable
+class Spec(Protocol):
+    """What agents observe."""
+
+    @property
+    def size(self) -> int:
+        """Numbers in one observation."""
+
+    @property
+    def tasks(self) -> int:
+        """M, the most tasks that an agent can choose from."""
+
+    @property
+    def actions(self) -> int:
+        """M + 1: those tasks, and any other."""
+
+    def look(
+        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+    ) -> tuple[NDArray[np.float32], IntArray]:
+        """Observations of all agents.
+
+        Parameters
+        ----------
+        benefits : Benefits
+            What is known of the benefits; their step `k` is the present one.
+        k : int
+        model, state : object
+            The dynamics and its present state.
+        step : int
+            Number of the present step in the problem.
+
+        Returns
+        -------
+        observations : ndarray of float32, shape (n, size)
+        listed : ndarray of int64, shape (n, M)
+            Tasks that the first M outputs stand for; -1 for none.
+        """
+
+
+def charge_of(model: Any, state: Any) -> FloatArray | None:
+    """Charges (n,) in a state, in parts of the capacity; None where the model knows no charge."""
+    if not hasattr(model, "charge_of"):
+        return None
+    return np.asarray(model.charge_of(state) / model.capacity)
+
+
+def held_by(state: Any) -> IntArray | None:
+    """Previous assignment (n,) in a state of one of the library's dynamics; None before a first free step.
+
+    Raises
+    ------
+    ValueError
+        If the state does not show it.
+    """
+    if state is None or isinstance(state, np.ndarray):
+        return state
+    if not hasattr(state, "held"):
+        raise ValueError(
+            f"dynamics: a state of type {type(state).__name__} shows no previous assignment; learned policies need "
+            "an array of tasks, or an attribute `held`"
+        )
+    held: IntArray | None = state.held
+    return held
 
 
 def observe(

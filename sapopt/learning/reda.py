@@ -7,11 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import torch
-
-from sapopt.learning.environment import charge_of, held_by
 from sapopt.learning.network import Network, load_network
-from sapopt.learning.observation import gain_matrix, observe
+from sapopt.learning.observation import gain_matrix
 from sapopt.matrices import GainMatrix
 from sapopt.outlook import Outlook
 
@@ -77,15 +74,9 @@ class REDA:
         Raises
         ------
         ValueError
-            If the network was trained with charges and the dynamics has none, or the other way round.
+            If the network's observation does not fit the problem.
         """
-        problem, spec = outlook.problem, self.network.spec
-        charge = charge_of(problem.model, outlook.state)
-        if spec.charge != (charge is not None):
-            need = "needs a dynamics with charges" if spec.charge else "was trained without charges"
-            raise ValueError(f"REDA: this network {need}, not {type(problem.dynamics).__name__}")
-        window = outlook.benefits(spec.steps)
-        observations, tasks = observe(window.flat(), window.shape, 0, held_by(outlook.state), charge, spec)
-        with torch.no_grad():
-            values = self.network(torch.from_numpy(observations)).numpy()
-        return gain_matrix(values, tasks, problem.m)
+        spec, problem = self.network.spec, outlook.problem
+        known = outlook.benefits(getattr(spec, "steps", 1))
+        observations, listed = spec.look(known, 0, problem.model, outlook.state, outlook.k)
+        return gain_matrix(self.network.values(observations), listed, problem.m)

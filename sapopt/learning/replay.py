@@ -1,7 +1,7 @@
 """Memory of past episodes in compact form: what was done, not what was seen.
 
-An episode is its problem (whose sparse benefits are shared, not copied), the assignments, the rewards and the charges:
-about 1.5 MB for 324 agents, 450 tasks and 100 steps where the observations would take 65 MB. Observations are made
+An episode is its problem (its sparse benefits), the assignments, the rewards and the states: about 2.5 MB for 324
+agents, 450 tasks and 100 steps where the observations would take 65 MB. Observations are made
 again when a batch is drawn, at less than a millisecond a step.
 """
 
@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sapopt.benefits import Flat
-from sapopt.learning.observation import ObservationSpec, observe
+from sapopt.learning.environment import Environment
+from sapopt.learning.observation import Spec
 from sapopt.learning.observation_kernels import action_index
 from sapopt.problem import SAP
 from sapopt.types import IntArray
@@ -31,25 +32,31 @@ class Episode:
     problem : SAP
     plan : ndarray of int64, shape (T, n)
     rewards : ndarray of float32, shape (T, n)
-    charge : ndarray of float32, shape (T, n), or None
-        Charges before every step.
+    states : list of T states
+        Before every step.
     """
 
     seed: int
     problem: SAP
     plan: IntArray
     rewards: NDArray[np.float32]
-    charge: NDArray[np.float32] | None
+    states: list[Any]
 
-    def held(self, k: int) -> IntArray | None:
-        """Assignment before step k."""
-        return self.problem.initial_assignment if k == 0 else self.plan[k - 1]
-
-    def observe(self, k: int, spec: ObservationSpec) -> tuple[np.ndarray, IntArray]:
+    def observe(self, k: int, spec: Spec) -> tuple[np.ndarray, IntArray]:
         """Observations at step k, and the tasks they list."""
-        flat: Flat = self.problem.benefits.flat()
-        charge = None if self.charge is None else self.charge[k].astype(np.float64)
-        return observe(flat, self.problem.benefits.shape, k, self.held(k), charge, spec)
+        return spec.look(self.problem.benefits, k, self.problem.model, self.states[k], k)
+
+
+def replayed(seed: int, problem: SAP, plan: IntArray, conflicts_shared: bool = False) -> Episode:
+    """The episode that a plan makes."""
+    env = Environment(problem, conflicts_shared)
+    rewards = np.empty(plan.shape, np.float32)
+    states = []
+    while not env.done:
+        k = env.k
+        states.append(env.state)
+        rewards[k] = env.step(plan[k])
+    return Episode(seed, problem, plan, rewards, states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +92,10 @@ class Replay:
     Parameters
     ----------
     capacity : int
-    spec : ObservationSpec
+    spec : Spec
     """
 
-    def __init__(self, capacity: int, spec: ObservationSpec) -> None:
+    def __init__(self, capacity: int, spec: Spec) -> None:
         self.episodes: deque[Episode] = deque(maxlen=capacity)
         self.spec = spec
 

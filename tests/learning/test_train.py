@@ -14,9 +14,10 @@ torch = pytest.importorskip("torch")
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.control import Run
 from sapopt.domains.instances import instance
-from sapopt.learning import REDA, Environment, ObservationSpec, TrainOptions, train_reda
-from sapopt.learning.replay import Replay
-from sapopt.learning.train import Learner, Training, replayed
+from sapopt.learning import REDA, Environment, ObservationSpec, TrainOptions, train
+from sapopt.learning.learner import Learner
+from sapopt.learning.replay import Replay, replayed
+from sapopt.learning.train import Training
 from sapopt.solvers import AssignmentPolicy, myopic
 
 OPTIONS = TrainOptions(
@@ -33,17 +34,17 @@ def problems(seed: int) -> SAP:
 
 def weights(training: Training) -> list[np.ndarray]:
     """All weights."""
-    return [tensor.numpy() for tensor in training.reda.network.state_dict().values()]
+    return [tensor.numpy() for tensor in training.network.state_dict().values()]
 
 
 def test_seeds_repeat_and_a_kill_changes_nothing(tmp_path: Path) -> None:
     """The same seed gives the same weights bit for bit, killed and resumed or not; another seed gives others."""
-    whole = train_reda(problems, GUIDE, OPTIONS, tmp_path / "whole")
+    whole = train(problems, GUIDE, OPTIONS, tmp_path / "whole")
     for stop in (1, 3):
         folder = tmp_path / f"killed{stop}"
-        part = train_reda(problems, GUIDE, OPTIONS, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
+        part = train(problems, GUIDE, OPTIONS, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
         assert part.episodes == stop
-        resumed = train_reda(problems, GUIDE, OPTIONS, folder)
+        resumed = train(problems, GUIDE, OPTIONS, folder)
         assert resumed.value == whole.value
         assert all(map(np.array_equal, weights(resumed), weights(whole)))
         logs = []
@@ -54,19 +55,19 @@ def test_seeds_repeat_and_a_kill_changes_nothing(tmp_path: Path) -> None:
                 )
         assert logs[0] == logs[1]
         assert len(logs[0]) == OPTIONS.episodes
-    other = train_reda(problems, GUIDE, replace(OPTIONS, seed=1), tmp_path / "other")
+    other = train(problems, GUIDE, replace(OPTIONS, seed=1), tmp_path / "other")
     assert not all(map(np.array_equal, weights(other), weights(whole)))
 
 
 def test_other_options_are_refused(tmp_path: Path) -> None:
     """A folder of another run, or a damaged checkpoint, is not taken over."""
-    train_reda(problems, GUIDE, replace(OPTIONS, episodes=1), tmp_path)
+    train(problems, GUIDE, replace(OPTIONS, episodes=1), tmp_path)
     with pytest.raises(ValueError, match="discount"):
-        train_reda(problems, GUIDE, replace(OPTIONS, episodes=1, discount=0.5), tmp_path)
+        train(problems, GUIDE, replace(OPTIONS, episodes=1, discount=0.5), tmp_path)
     path = tmp_path / "checkpoint.safetensors"
     path.write_bytes(path.read_bytes()[:-10])
     with pytest.raises(ValueError, match="damaged checkpoint"):
-        train_reda(problems, GUIDE, replace(OPTIONS, episodes=1), tmp_path)
+        train(problems, GUIDE, replace(OPTIONS, episodes=1), tmp_path)
 
 
 def test_memory_shows_what_was_seen() -> None:

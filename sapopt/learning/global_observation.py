@@ -1,0 +1,61 @@
+"""The observation of small problems with one state for all: everything, one-hot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.benefits import Benefits
+from sapopt.solvers.base import check_lookahead
+from sapopt.types import IntArray
+
+
+@dataclass(frozen=True)
+class GlobalSpec:
+    """Number of the state, of the agent, and of the step, each one-hot; all tasks can be chosen.
+
+    Parameters
+    ----------
+    states, agents, tasks, horizon : int
+        How many there are of each. The state must be a whole number in ``0 .. states - 1``, as that of `Dictator`.
+    """
+
+    states: int = 3
+    agents: int = 3
+    tasks: int = 3
+    horizon: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("states", "agents", "tasks", "horizon"):
+            check_lookahead(getattr(self, name), name)
+
+    @property
+    def size(self) -> int:
+        """Numbers in one observation."""
+        return self.states + self.agents + self.horizon
+
+    @property
+    def actions(self) -> int:
+        """The tasks, and idling, which is never open: every task is listed."""
+        return self.tasks + 1
+
+    def look(
+        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+    ) -> tuple[NDArray[np.float32], IntArray]:
+        """Observations of all agents, see `sapopt.learning.observation.Spec`."""
+        n, m = benefits.shape[1:]
+        if (n, m) != (self.agents, self.tasks) or step >= self.horizon:
+            raise ValueError(
+                f"this observation is for {self.agents} agents, {self.tasks} tasks and {self.horizon} steps, "
+                f"not for {n}, {m} and step {step}"
+            )
+        if not isinstance(state, (int, np.integer)) or not 0 <= state < self.states:
+            raise ValueError(f"this observation needs a state in 0..{self.states - 1}, got {state!r}")
+        out = np.zeros((n, self.size), np.float32)
+        out[:, int(state)] = 1.0
+        out[np.arange(n), self.states + np.arange(n)] = 1.0
+        out[:, self.states + self.agents + step] = 1.0
+        return out, np.tile(np.arange(m), (n, 1))

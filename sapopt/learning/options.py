@@ -1,0 +1,119 @@
+"""Everything that decides a training run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+from sapopt.learning.observation import ObservationSpec, Spec
+from sapopt.problem import SAP
+
+Problems = Callable[[int], SAP]
+"""``problems(seed)``: the problem of an episode, the same for the same seed; all with the same number of agents."""
+
+Standardise = Literal["agent", "common", "none"]
+Choose = Literal["alpha", "self"]
+
+FRESH = 1_000_000
+"""Seeds from here on are for evaluation: no training episode has them."""
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Everything that decides a training run.
+
+    Parameters
+    ----------
+    episodes : int
+        Episodes to play.
+    gradient_steps : int
+        Gradient steps after every episode.
+    stretches, stretch : int
+        A batch is this many stretches of this many successive steps (of all agents), drawn from the whole memory.
+    trace : float
+        lambda of the returns along a stretch; 0 is the one-step target of the thesis (see `traced`).
+    memory : int
+        Episodes remembered.
+    learning_rate, discount, soft_target, clip : float
+        Of Adam; gamma; share of the online weights taken over by the target network at every gradient step; largest
+        norm of a gradient.
+    explore, noise : float
+        Share of the episodes over which epsilon falls from 1 to 0; deviation of the perturbation of the values, in
+        parts of epsilon times their mean size.
+    standardise : {"agent", "common", "none"}
+        See `Replay.reward_scale`.
+    fade : float
+        Share of the episodes, at the end, over which the learning rate falls to a tenth.
+    choose : {"alpha", "self"}
+        Whether the assignment of the values is played (REDA), or every agent's own best choice, conflicts shared (IQL).
+    hidden : tuple of int
+    spec : Spec
+    seed : int
+    evaluate_every, evaluations : int
+        Episodes between evaluations without exploration, and fresh episodes in each; the best weights are kept.
+    checkpoint_every : int
+        Episodes between checkpoints.
+    threads : int
+        Threads of torch; with 1 a run repeats bit for bit.
+
+    Notes
+    -----
+    The thesis makes one gradient step after each episode of 100 steps, on 5 whole episodes, for 5000 episodes, and
+    standardises the rewards of each agent: ``episodes=5000, gradient_steps=1, stretches=5, stretch=100, trace=0,
+    discount=0.99, noise=1, standardise="agent", explore=0.6``. More and smaller steps, and traces, need far fewer
+    episodes.
+    """
+
+    episodes: int = 400
+    gradient_steps: int = 40
+    stretches: int = 2
+    stretch: int = 10
+    trace: float = 0.9
+    memory: int = 100
+    learning_rate: float = 5e-4
+    discount: float = 0.97
+    soft_target: float = 0.01
+    clip: float = 10.0
+    explore: float = 0.6
+    noise: float = 0.1
+    standardise: Standardise = "common"
+    fade: float = 0.3
+    choose: Choose = "alpha"
+    hidden: tuple[int, ...] = (64, 64)
+    spec: Spec = field(default_factory=ObservationSpec)
+    seed: int = 0
+    evaluate_every: int = 20
+    evaluations: int = 2
+    checkpoint_every: int = 20
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        for name in (
+            "episodes", "gradient_steps", "stretches", "stretch", "memory", "evaluate_every", "evaluations",
+            "checkpoint_every", "threads",
+        ):  # fmt: skip
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name in ("learning_rate", "clip"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("discount", "soft_target", "explore", "noise", "trace", "fade"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie between 0 and 1, got {getattr(self, name)}")
+        for name, known in (("standardise", Standardise), ("choose", Choose)):
+            if getattr(self, name) not in get_args(known):
+                raise ValueError(
+                    f"{name} must be one of {', '.join(get_args(known))}, got {getattr(self, name)!r}"
+                )
+
+    def epsilon(self, episode: int) -> float:
+        """Exploration of an episode: falls from 1 to 0."""
+        return max(0.0, 1.0 - episode / (self.explore * self.episodes)) if self.explore > 0 else 0.0
+
+    def rate(self, episode: int) -> float:
+        """Learning rate of an episode."""
+        left = (self.episodes - episode) / max(self.fade * self.episodes, 1e-9)
+        return self.learning_rate * (1.0 if left >= 1.0 else 0.1 + 0.9 * left)
