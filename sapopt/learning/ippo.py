@@ -1,0 +1,158 @@
+"""IPPO: proximal policy optimisation by every agent for itself, with shared networks and individual rewards.
+
+de Witt et al. (2020), with the clipped objective and generalised advantages of Schulman et al. (2016, 2017).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from sapopt.control import Run
+from sapopt.learning.logs import TrainingLog
+from sapopt.learning.network import Network, new_network
+from sapopt.learning.observation import ObservationSpec, Spec
+from sapopt.learning.options import FRESH, Problems
+from sapopt.learning.sampling import Sampled, masked_logits, sample_episode
+from sapopt.learning.train import Training
+
+
+@dataclass(frozen=True)
+class PPOOptions:
+    """Options of IPPO.
+
+    Parameters
+    ----------
+    episodes : int
+    epochs, batch : int
+        Passes over every episode; samples (agent and step) in a batch.
+    learning_rate, discount, trace, ratio, entropy, clip : float
+        Of Adam; gamma; lambda of the advantages; how far the ratio of probabilities may leave 1; weight of the entropy;
+        largest norm of a gradient.
+    hidden, spec, seed, evaluate_every, evaluations
+        As in `TrainOptions`.
+    """
+
+    episodes: int = 300
+    epochs: int = 4
+    batch: int = 4096
+    learning_rate: float = 5e-4
+    discount: float = 0.97
+    trace: float = 0.9
+    ratio: float = 0.2
+    entropy: float = 0.01
+    clip: float = 10.0
+    hidden: tuple[int, ...] = (64, 64)
+    spec: Spec = field(default_factory=ObservationSpec)
+    seed: int = 0
+    evaluate_every: int = 20
+    evaluations: int = 2
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "epochs", "batch", "evaluate_every", "evaluations"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name in ("discount", "trace", "ratio"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie between 0 and 1, got {getattr(self, name)}")
+
+
+def train_ippo(
+    problems: Problems, options: PPOOptions, folder: str | Path, run: Run | None = None
+) -> Training:
+    """Train a shared stochastic policy; the network's outputs are logits of the choices.
+
+    Parameters
+    ----------
+    problems : callable
+        ``problems(seed)`` makes the problem of an episode.
+    options : PPOOptions
+    folder : path
+        For the log.
+    run : Run, optional
+    """
+    run = run or Run()
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng([options.seed, 1])
+    actor = new_network(options.spec, options.seed, options.hidden)
+    critic = new_network(options.spec, options.seed + 1, options.hidden, outputs=1)
+    best, best_value = new_network(options.spec, options.seed, options.hidden), -np.inf
+    adam = torch.optim.Adam([*actor.parameters(), *critic.parameters()], lr=options.learning_rate)
+    scale = 0.0
+    with TrainingLog(folder) as record:
+        for episode in range(options.episodes):
+            if run.expired:
+                break
+            began = time.perf_counter()
+            played = sample_episode(problems(options.seed * 100_000 + episode), actor, rng)
+            scale = scale or max(float(played.rewards.std()), 1e-6)
+            loss = _improve(played, scale, actor, critic, adam, options, rng)
+            row = {
+                "episode": episode + 1,
+                "steps": (episode + 1) * len(played.rewards),
+                "gradient_steps": (episode + 1) * options.epochs * -(-played.choices.size // options.batch),
+                "epsilon": 0.0,
+                "value": float(played.rewards.sum()),
+                "loss": loss,
+            }
+            if (episode + 1) % options.evaluate_every == 0 or episode + 1 == options.episodes:
+                fresh = [problems(FRESH + seed) for seed in range(options.evaluations)]
+                value = float(np.mean([sample_episode(p, actor, rng).rewards.sum() for p in fresh]))
+                row["evaluation"] = value
+                if value > best_value:
+                    best_value = value
+                    best.load_state_dict(actor.state_dict())
+            row["seconds"] = time.perf_counter() - began
+            record.write(row)
+            run.report(episode + 1, options.episodes, row.get("evaluation", row["value"]), message="training")
+    return Training(best, best_value, episode + 1)
+
+
+def advantages(rewards: np.ndarray, values: np.ndarray, discount: float, trace: float) -> np.ndarray:
+    """Generalised advantages (T, n) of rewards (T, n) and values of the states before them; the episode ends then."""
+    out = np.empty_like(values)
+    later_value, later = np.zeros_like(values[0]), np.zeros_like(values[0])
+    for k in range(len(rewards) - 1, -1, -1):
+        surprise = rewards[k] + discount * later_value - values[k]
+        later = surprise + discount * trace * later
+        out[k] = later
+        later_value = values[k]
+    return out
+
+
+def _improve(
+    played: Sampled, scale: float, actor: Network, critic: Network, adam: torch.optim.Adam, options: PPOOptions,
+    rng: np.random.Generator,
+) -> float:  # fmt: skip
+    size = played.choices.size
+    seen = torch.from_numpy(played.observations.reshape(size, -1))
+    mask = played.mask.reshape(size, -1)
+    choices = torch.from_numpy(played.choices.reshape(size, 1))
+    with torch.no_grad():
+        before = masked_logits(actor(seen), mask).gather(1, choices)[:, 0]
+        values = critic(seen)[:, 0].numpy().reshape(played.choices.shape)
+    gain = advantages((played.rewards / scale).astype(np.float32), values, options.discount, options.trace)
+    goal = torch.from_numpy((gain + values).ravel())
+    gain = torch.from_numpy(((gain - gain.mean()) / (gain.std() + 1e-8)).ravel())
+    losses = []
+    for _ in range(options.epochs):
+        for part in np.array_split(rng.permutation(size), -(-size // options.batch)):
+            rows = torch.from_numpy(part)
+            logs = masked_logits(actor(seen[rows]), mask[part])
+            ratio = torch.exp(logs.gather(1, choices[rows])[:, 0] - before[rows])
+            held = ratio.clamp(1 - options.ratio, 1 + options.ratio)
+            policy = -torch.minimum(ratio * gain[rows], held * gain[rows]).mean()
+            entropy = -(logs.exp() * logs).sum(dim=1).mean()
+            value = torch.nn.functional.mse_loss(critic(seen[rows])[:, 0], goal[rows])
+            loss = policy + 0.5 * value - options.entropy * entropy
+            adam.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_([*actor.parameters(), *critic.parameters()], options.clip)
+            adam.step()
+            losses.append(float(loss.detach()))
+    return float(np.mean(losses))
