@@ -30,7 +30,7 @@ def train_reda(
         typer.Option(metavar="DIR", help="Folder for checkpoint, log and weights; a run goes on from there."),
     ] = Path("reda"),
     episodes: Annotated[int, typer.Option(help="Episodes to play.")] = 400,
-    gradient_steps: Annotated[int, typer.Option(help="Gradient steps after every episode.")] = 25,
+    gradient_steps: Annotated[int, typer.Option(help="Gradient steps after every episode.")] = 20,
     stretches: Annotated[int, typer.Option(help="Stretches of episodes in a batch.")] = 2,
     stretch: Annotated[int, typer.Option(help="Steps, of all agents, in a stretch.")] = 10,
     trace: Annotated[float, typer.Option(help="Lambda of the returns along a stretch; 0: one step.")] = 0.9,

@@ -228,11 +228,13 @@ class Battery:
             levels = np.where(works, np.maximum(levels - units.drain, 0), charged)
         return total
 
-    def path_oracle(self, benefits: Benefits, state: BatteryState) -> BatteryPaths:
-        """Longest priced paths of the agents (`sapopt.dynamics.local.PathOracle`)."""
+    def path_oracle(
+        self, benefits: Benefits, state: BatteryState, end_value: FloatArray | None = None
+    ) -> BatteryPaths:
+        """Longest priced paths of the agents (`sapopt.dynamics.local.PathOracle`); `end_value`: see `BatteryPaths`."""
         from sapopt.dynamics.battery_paths import BatteryPaths
 
-        return BatteryPaths(benefits, self, state)
+        return BatteryPaths(benefits, self, state, end_value=end_value)
 
     def window_oracle(self, benefits: Benefits, state: BatteryState) -> BatteryPaths:
         """`path_oracle` of a window that is not the last: nobody dies in it, and charge left over counts.

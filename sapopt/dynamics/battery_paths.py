@@ -31,10 +31,18 @@ class BatteryPaths:
     goes_on : bool
         The problem goes on after the window, so that charge which is left over has a value, see `leftover`; by default
         it ends there, and has none.
+    end_value : ndarray of float64, shape (levels + 1,), optional
+        What every level is worth after the window, in place of `leftover`.
     """
 
     def __init__(
-        self, benefits: Any, dynamics: Battery, state: BatteryState, *, goes_on: bool = False
+        self,
+        benefits: Any,
+        dynamics: Battery,
+        state: BatteryState,
+        *,
+        goes_on: bool = False,
+        end_value: FloatArray | None = None,
     ) -> None:
         indptr, indices, data, self._shape = flat_benefits(benefits)
         T, n, m = self._shape
@@ -45,7 +53,16 @@ class BatteryPaths:
         self.free = state.held is None
         self.cost = dynamics.cost
         units = dynamics.units
-        end = leftover(indptr, data, T, *units[1:]) if goes_on else np.zeros(units.capacity + 1)
+        if end_value is not None:
+            end = np.ascontiguousarray(end_value, dtype=np.float64)
+            if end.shape != (units.capacity + 1,) or not np.isfinite(end).all():
+                raise ValueError(
+                    f"end_value must hold a finite number for each of the {units.capacity + 1} levels"
+                )
+        elif goes_on:
+            end = leftover(indptr, data, T, *units[1:])
+        else:
+            end = np.zeros(units.capacity + 1)
         self.battery = (dynamics.cost, *units[1:], dynamics.pay_for == "entries", end)
         self.rows = (indptr, indices, data, *kernels.neighbours(indptr, indices, data, T, n))
         self._count = min(m, int(np.diff(indptr).max(initial=0)) + 1)
@@ -126,6 +143,17 @@ class BatteryPaths:
             self._chunks(1),
         )
         return temperature * log_z - least.sum(), usage
+
+    def mean_values(self, prices: FloatArray) -> FloatArray:
+        """What each level is worth before each step and after the last, (T + 1, levels + 1): mean of the agents.
+
+        Of the paths that follow under `prices`, whose first start of work is paid.
+        """
+        p = self._prices(prices)
+        values: FloatArray = kernels.mean_values(
+            self._shape[1], self.rows, self.battery, p, kernels.cheapest_tasks(p, self._count)
+        )
+        return values
 
     def _first(self, prices: FloatArray) -> tuple[FloatArray, FloatArray]:
         p = self._prices(prices).copy()

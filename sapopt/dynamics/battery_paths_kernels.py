@@ -344,3 +344,19 @@ def first_gains(n, m, rows, rest, listed):
         fill_sorted(tasks, gains, total, begin, filled)
         row_start[i + 1] = filled
     return row_start, tasks[:filled].copy(), gains[:filled].copy()
+
+
+@njit(cache=True)
+def mean_values(n, rows, battery, prices, cheapest):
+    """N_k[l] (T + 1, levels + 1), averaged over the agents."""
+    T, m = prices.shape
+    capacity = battery[3]
+    total = np.zeros((T + 1, capacity + 1))
+    N, X = np.empty((T + 1, capacity + 1)), np.empty((most_entries(rows[0], n, T), capacity + 1))
+    mark, offset = np.full(m, -1), np.empty(T + 1, np.int64)
+    least, least_task = np.empty(T), np.empty(T, np.int64)
+    for i in range(n):
+        _idle_places(i, n, rows[0], rows[1], prices, cheapest, mark, least, least_task)
+        _values(i, n, rows, battery, prices, least, 0, N, X, offset)
+        total += N / n
+    return total

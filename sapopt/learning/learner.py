@@ -70,7 +70,7 @@ class Learner:
     def evaluate(self) -> float:
         """Mean value over fresh episodes without exploration; the best weights are remembered."""
         values = [
-            self._play(self.problems(FRESH + seed), 0.0).rewards.sum(dtype=np.float64)
+            self._play(self.problems(FRESH + seed), None).rewards.sum(dtype=np.float64)
             for seed in range(self.options.evaluations)
         ]
         value = float(np.mean(values))
@@ -79,7 +79,8 @@ class Learner:
             self.best.load_state_dict(self.online.state_dict())
         return value
 
-    def _play(self, problem: SAP, epsilon: float) -> Episode:
+    def _play(self, problem: SAP, epsilon: float | None) -> Episode:
+        """Play an episode; an evaluation (epsilon None) draws nothing, so how often one evaluates changes nothing."""
         options = self.options
         env = Environment(problem, self.shared)
         memory = self.guide.begin(problem, self.rng)
@@ -89,12 +90,12 @@ class Learner:
         while not env.done:
             k = env.k
             states.append(env.state)
-            if epsilon > 0 and self.rng.random() < epsilon:
+            if epsilon is not None and self.rng.random() < epsilon:
                 plan[k], memory = self.guide.act(env.outlook(), memory)
             else:
                 seen, listed = env.observe(options.spec)
                 q = self.online.values(seen)
-                if epsilon > 0:
+                if epsilon:
                     q = q + self.rng.standard_normal(q.shape) * (options.noise * epsilon * np.abs(q).mean())
                 plan[k] = self.decide(q, listed, problem.m)
             rewards[k] = env.step(plan[k])

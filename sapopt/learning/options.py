@@ -68,7 +68,7 @@ class TrainOptions:
     """
 
     episodes: int = 400
-    gradient_steps: int = 40
+    gradient_steps: int = 20
     stretches: int = 2
     stretch: int = 10
     trace: float = 0.9

@@ -25,7 +25,8 @@ class Sampled:
     ----------
     observations : ndarray of float32, shape (T, n, size)
     mask : ndarray of bool, shape (T, n, M + 1)
-    choices : ndarray of int64, shape (T, n)
+    choices, plan : ndarray of int64, shape (T, n)
+        Slots, and the tasks they stand for.
     rewards : ndarray of float64, shape (T, n)
         Conflicts are shared.
     """
@@ -33,6 +34,7 @@ class Sampled:
     observations: np.ndarray
     mask: np.ndarray
     choices: IntArray
+    plan: IntArray
     rewards: FloatArray
 
 
@@ -58,7 +60,7 @@ def sample_episode(
         Probability of a uniform allowed choice.
     """
     env = Environment(problem, conflicts_shared=True)
-    rows: list[tuple[np.ndarray, np.ndarray, IntArray, FloatArray]] = []
+    rows: list[tuple[np.ndarray, np.ndarray, IntArray, IntArray, FloatArray]] = []
     while not env.done:
         seen, listed = env.observe(actor.spec)
         mask = legal(listed)
@@ -68,5 +70,6 @@ def sample_episode(
             uniform = rng.random(len(mask)) < explore
             logits = np.where(uniform[:, None], flat, logits) + rng.gumbel(size=mask.shape)
         choices = logits.argmax(axis=1)
-        rows.append((seen, mask, choices, env.step(tasks_of(choices, listed, problem.m))))
+        tasks = tasks_of(choices, listed, problem.m)
+        rows.append((seen, mask, choices, tasks, env.step(tasks)))
     return Sampled(*(np.stack(column) for column in zip(*rows, strict=True)))

@@ -6,6 +6,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from sapopt.control import Run
@@ -88,4 +89,6 @@ def _train(problems: Problems, guide: Policy, options: TrainOptions, folder: Pat
             if learner.episode % options.checkpoint_every == 0:
                 save_checkpoint(path, learner.checkpoint(), about)
     save_checkpoint(path, learner.checkpoint(), about)
+    if not np.isfinite(learner.best_value):  # stopped before the first evaluation
+        learner.evaluate()
     return Training(learner.best, learner.best_value, learner.episode)

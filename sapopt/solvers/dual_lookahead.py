@@ -9,6 +9,7 @@ the window, where HAAL's is exponential in the lookahead.
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,10 @@ class DualLookahead:
         Steps looked at, the current one among them. 1 is alpha(beta_hat).
     iterations : int
         Price iterations at every step; the first step gets four times as many, as it has no prices to start from.
+    end_value : ChargeValue, optional
+        What a battery's charge is worth after the window, in place of `sapopt.dynamics.battery_paths.leftover`; for a
+        `Battery` only. Any callable ``end_value(problem, left)`` that returns one number for each level, when `left` steps follow
+        the window.
 
     Notes
     -----
@@ -65,6 +70,7 @@ class DualLookahead:
 
     window: int
     iterations: int = 60
+    end_value: Callable[[SAP, int], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         check_lookahead(self.window, "window")
@@ -73,7 +79,8 @@ class DualLookahead:
     @property
     def name(self) -> str:
         """Name with options, for tables."""
-        return f"DualLookahead(window={self.window})"
+        valued = "" if self.end_value is None else ", end_value"
+        return f"DualLookahead(window={self.window}{valued})"
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | None:
         """No prices yet."""
@@ -82,13 +89,21 @@ class DualLookahead:
                 f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has neither path_oracle nor "
                 "local_model"
             )
+        if self.end_value is not None and not hasattr(problem.model, "charge_of"):
+            raise ValueError(
+                f"end_value is for batteries; {type(problem.dynamics).__name__} has no charge to value"
+            )
         return None
 
     def act(self, outlook: Outlook, memory: FloatArray | None) -> tuple[IntArray, FloatArray | None]:
         """Prices of the window, then one assignment problem."""
         benefits = outlook.benefits(self.window)
-        goes_on = outlook.k + benefits.shape[0] < outlook.problem.T
-        oracle = path_oracle(outlook.model, benefits, outlook.state, goes_on=goes_on)
+        left = outlook.problem.T - outlook.k - benefits.shape[0]
+        if self.end_value is None:
+            oracle = path_oracle(outlook.model, benefits, outlook.state, goes_on=left > 0)
+        else:
+            end = self.end_value(outlook.problem, left)
+            oracle = outlook.model.path_oracle(benefits, outlook.state, end)
         if not values_first_tasks(oracle):
             raise ValueError(
                 f"DualLookahead: the path oracle of {type(outlook.problem.dynamics).__name__} has no first_values"

@@ -1,0 +1,74 @@
+"""Figure 6.4 (Holder 2024, section 6.4): conflicts, charge and task duration of every policy on the power environment.
+
+    python experiments/fig_6_4.py [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--quick] [--out DIR]
+
+REDA's weights are those that ship; the others are drawn if their weights are given (`fig_6_3.py` leaves them).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import common
+import numpy as np
+from learned import by_generator, by_ippo, by_iql, by_policy, network_of
+
+from sapopt.domains.instances import instance
+from sapopt.learning import REDA
+from sapopt.solvers import DualLookahead, energy_price, myopic, power_constrained
+from sapopt.solvers.charge_value import ChargeValue
+
+FIRST = 2_000_000
+"""Seeds from here on were seen in no training and in no choice of weights."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of this script."""
+    parser.add_argument("--iql", help="weights of IQL")
+    parser.add_argument("--ippo", help="weights of IPPO")
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    run = common.begin(__doc__, "fig_6_4", argv, seeds=5, quick_seeds=1, add=add_options)
+    players = {
+        "alpha(beta_hat)": by_generator(myopic),
+        "power-constrained greedy": by_generator(power_constrained),
+        "energy price": by_generator(energy_price),
+        "REDA": by_generator(REDA.load("power")),
+    }
+    if run.options.iql:
+        players["IQL"] = by_iql(network_of(run.options.iql))
+        players["IQL's network, alpha"] = by_generator(REDA(network_of(run.options.iql)))
+    if run.options.ippo:
+        players["IPPO"] = by_ippo(network_of(run.options.ippo))
+    players["dual lookahead W=3, value of charge"] = by_policy(
+        DualLookahead(3, 20, ChargeValue.load("power"))
+    )
+    problems = [instance("power", FIRST + seed, steps=20 if run.quick else 100) for seed in run.seeds]
+    report = {}
+    for name, player in players.items():
+        played = [asdict(player(problem)) for problem in problems]
+        report[name] = {key: float(np.mean([one[key] for one in played])) for key in played[0]}
+        report[name]["error"] = common.mean_and_error([one["value"] for one in played])[1]
+        run.say(f"{name:38s}" + "  ".join(f"{key} {value:.3g}" for key, value in report[name].items()))
+    figure, axes = common.new_figure(11.0, 3.8, 1, 3, sharey=True)
+    for panel, (key, label) in zip(
+        axes,
+        [
+            ("conflicts", "share of work in conflict"),
+            ("charge", "mean charge"),
+            ("duration", "steps on a task"),
+        ],
+        strict=True,
+    ):
+        panel.barh(list(report), [row[key] for row in report.values()])
+        panel.set_xlabel(label)
+    axes[0].invert_yaxis()
+    run.write_figure(figure)
+    run.write_json({"policies": report})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""The theory behind REDA on random small problems: values split into the agents' own (Theorem 5.2.1 of Holder 2024),
+and the update towards the assigned next value converges in a table (Lemma 5.4.1)."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from sapopt.learning.learner import traced
+
+
+@dataclass(frozen=True)
+class SmallMDP:
+    """A discounted problem with one state for all agents, as plain tables."""
+
+    rewards: np.ndarray  # (S, n, m): beta_hat
+    follows: np.ndarray  # (S, X): probability-free next state of every assignment
+    rows: list[tuple[int, ...]]  # the X assignments
+    discount: float = 0.9
+
+    @property
+    def own(self) -> np.ndarray:
+        """Reward (S, X, n) of every agent."""
+        n = self.rewards.shape[1]
+        return np.stack([self.rewards[:, np.arange(n), row] for row in self.rows], axis=1)
+
+    def optimal_policy(self) -> np.ndarray:
+        """Best assignment (S,) by value iteration on the total."""
+        values = np.zeros(len(self.follows))
+        for _ in range(600):
+            q = self.own.sum(axis=2) + self.discount * values[self.follows]
+            values = q.max(axis=1)
+        return np.asarray(q.argmax(axis=1))
+
+    def agents_values(self, policy: np.ndarray) -> np.ndarray:
+        """Q^i (S, X, n) when `policy` is followed after the first step: one linear system for each agent."""
+        S = len(self.follows)
+        states = np.arange(S)
+        step = np.zeros((S, S))
+        step[states, self.follows[states, policy]] = 1.0
+        state_values = np.linalg.solve(np.eye(S) - self.discount * step, self.own[states, policy])
+        return self.own + self.discount * state_values[self.follows]
+
+
+def random_mdp(seed: int) -> SmallMDP:
+    """Four states, two agents, three tasks."""
+    rng = np.random.default_rng(seed)
+    rows = list(itertools.permutations(range(3), 2))
+    return SmallMDP(rng.normal(size=(4, 2, 3)), rng.integers(4, size=(4, len(rows))), rows)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_values_split_into_the_agents_own(seed: int) -> None:
+    """Under any policy the agents' own values add up to the total's; under the best one, their sum finds it again."""
+    mdp = random_mdp(seed)
+    states = np.arange(4)
+    best = mdp.optimal_policy()
+    for policy in (best, np.random.default_rng(seed).integers(len(mdp.rows), size=4)):
+        total = np.zeros(4)
+        for _ in range(600):
+            total = (mdp.own.sum(axis=2) + mdp.discount * total[mdp.follows])[states, policy]
+        whole = mdp.own.sum(axis=2) + mdp.discount * total[mdp.follows]
+        np.testing.assert_allclose(mdp.agents_values(policy).sum(axis=2), whole, atol=1e-9)
+    np.testing.assert_array_equal(mdp.agents_values(best).sum(axis=2).argmax(axis=1), best)
+
+
+def test_own_values_do_not_follow_from_own_maxima() -> None:
+    """The split is of the joint policy's value: agents that maximise for themselves do not find it."""
+    gaps = []
+    for seed in range(20):
+        mdp = random_mdp(seed)
+        best = mdp.optimal_policy()
+        alone = np.zeros((4, 2))
+        for _ in range(600):
+            alone = (mdp.own + mdp.discount * alone[mdp.follows]).max(axis=1)
+        gaps.append((alone.sum(axis=1) - mdp.agents_values(best).sum(axis=2).max(axis=1)).max())
+    assert max(gaps) > 0.1
+    assert min(gaps) > -1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_updates_converge_in_a_table(seed: int) -> None:
+    """The learner's one-step targets, each agent's own, converge to the values of the best policy."""
+    mdp = random_mdp(seed)
+    rng = np.random.default_rng(seed)
+    wanted = mdp.agents_values(mdp.optimal_policy())
+    table = rng.normal(size=wanted.shape)
+    for _ in range(700):
+        state, x = rng.integers(4, size=16), rng.integers(len(mdp.rows), size=16)
+        following = mdp.follows[state, x]
+        assigned = table[following].sum(axis=2).argmax(axis=1)  # alpha of the present values, by enumeration
+        goal = traced(
+            torch.from_numpy(mdp.own[state, x][:, None]),
+            torch.from_numpy(table[following, assigned][:, None]),
+            mdp.discount,
+            0.0,
+        )[:, 0].numpy()
+        for s, a, target in zip(state, x, goal, strict=True):
+            table[s, a] += 0.7 * (target - table[s, a])
+    np.testing.assert_allclose(table, wanted, atol=1e-3)
+
+
+def test_traces_end_in_the_return() -> None:
+    """With trace 1 the target is the discounted return, with trace 0 one step and the value that follows."""
+    rewards, later = torch.tensor([[[1.0], [2.0], [4.0]]]), torch.tensor([[[10.0], [20.0], [30.0]]])
+    assert traced(rewards, later, 0.5, 0.0).flatten().tolist() == [6.0, 12.0, 19.0]
+    assert traced(rewards, later, 0.5, 1.0).flatten().tolist() == [6.75, 11.5, 19.0]
