@@ -4,20 +4,24 @@ The thesis describes it in outline: three agents, three tasks, three states, and
 agent; the best plan earns 60 in ten steps and alpha(beta_hat) stays with what is best for the dictator now. The numbers
 below are our reading of that outline, not the thesis' table.
 
-States 0 and 1 are poor, state 2 is rich. The dictator's task j moves the state towards j, up by one level at most. Task
-0 is the dictator's own, and the best choice of the moment in every state; task 2 is the common one.
+States 0 and 1 are poor, state 2 is rich. Task 0 is the dictator's own, its best choice of the moment in every state:
+whenever it holds task 0 the state falls to 0, whenever it holds another the state rises by one.
 
 =====  =======================================  ===================
 state  value of the best assignment in which    state after that
        the dictator holds task 0 / 1 / 2
 =====  =======================================  ===================
 0      3 / 2 / 1                                0 / 1 / 1
-1      3 / 2 / 1                                0 / 1 / 2
-2      8 / 5 / 7                                0 / 1 / 2
+1      3 / 1 / 1                                0 / 2 / 2
+2      8 / 5 / 7                                0 / 2 / 2
 =====  =======================================  ===================
 
 Staying selfish earns 3 a step, 30 in all. The best plan gives up 1 and 2 in the first two steps, earns 7 in each of the
 next seven, and takes the 8 at the end: 2 + 1 + 7 * 7 + 8 = 60.
+
+The dictator itself earns most by staying selfish: 3 a step, against 1 where everybody is rich. Left to itself it never
+moves. Whoever holds task 0 in the dictator's place sees the state rise, and with it what it will earn;
+in an assignment of everybody's values that outweighs the dictator's.
 """
 
 from __future__ import annotations
@@ -31,10 +35,11 @@ if TYPE_CHECKING:
     from sapopt.problem import SAP
 
 _POOR = [[3.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+_POORER = [[3.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
 _RICH = [[4.0, 0.0, 1.0], [3.0, 2.0, 1.0], [3.0, 3.0, 2.0]]
-VALUES = np.array([_POOR, _POOR, _RICH])
+VALUES = np.array([_POOR, _POORER, _RICH])
 """beta_hat of each state, shape (3 states, 3 agents, 3 tasks)."""
-LEADS_TO = np.array([[0, 1, 1], [0, 1, 2], [0, 1, 2]])
+LEADS_TO = np.array([[0, 1, 1], [0, 2, 2], [0, 2, 2]])
 """Next state, by state and task of the dictator."""
 
 

@@ -17,7 +17,10 @@ def test_optimum() -> None:
     """Dynamic programming finds 60 and proves it; the plan sacrifices two steps, and takes the bait at the end only."""
     result = solve(instance("dictator"), Exact(method="dp"))
     assert (result.value, result.bound, result.status) == (60.0, 60.0, Status.OPTIMAL)
-    assert result.plan[:, 0].tolist() == [1, *[2] * 8, 0]
+    dictator = result.plan[:, 0]
+    assert dictator[0] == 1
+    assert dictator[1] in (1, 2)  # both lead to the rich state
+    assert dictator[2:].tolist() == [*[2] * 7, 0]
 
 
 def test_greed_settles_at_the_selfish_value() -> None:
@@ -35,7 +38,7 @@ def test_table_of_the_docstring() -> None:
     for row in assignments(3, 3):
         worth = VALUES[:, np.arange(3), row].sum(axis=1)
         best[:, row[0]] = np.maximum(best[:, row[0]], worth)
-    assert best.tolist() == [[3, 2, 1], [3, 2, 1], [8, 5, 7]]
+    assert best.tolist() == [[3, 2, 1], [3, 1, 1], [8, 5, 7]]
 
 
 def test_steps_and_costs() -> None:

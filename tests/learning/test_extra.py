@@ -1,0 +1,59 @@
+"""Without the extra `learn`, sapopt works, and asking for what is learned says what to install."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HIDE = "import sys; sys.modules['torch'] = None; "  # what an import of a missing package meets
+
+
+def test_import_says_which_extra() -> None:
+    """The ImportError names the package and the extra."""
+    code = HIDE + "import sapopt, sapopt.solvers, sapopt.cli\nimport sapopt.learning"
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert outcome.returncode == 1
+    assert "sapopt.learning needs torch" in outcome.stderr
+    assert "pip install 'sapopt[learn]'" in outcome.stderr
+
+
+def test_command_says_which_extra(tmp_path: Path) -> None:
+    """One line on stderr and exit status 2."""
+    code = HIDE + "from sapopt.cli import main; sys.argv[1:] = ['train', 'reda', 'power']; main()"
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert outcome.returncode == 2
+    assert "sapopt[learn]" in outcome.stderr
+    assert len(outcome.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_training_command(tmp_path: Path) -> None:
+    """`sapopt train reda` leaves weights, log and checkpoint; the weights say how they were made."""
+    pytest.importorskip("torch")
+    import json
+
+    from typer.testing import CliRunner
+
+    from sapopt.cli import app
+    from sapopt.learning import REDA
+
+    words = "train reda constellation-toy --episodes 2 --gradient-steps 1 --evaluate-every 1 --evaluations 1 --json"
+    outcome = CliRunner().invoke(app, [*words.split(), "--out", str(tmp_path / "run")])
+    assert outcome.exit_code == 0, outcome.stderr
+    report = json.loads(outcome.stdout)
+    assert report["episodes"] == 2
+    assert {path.name for path in (tmp_path / "run").iterdir()} >= {
+        "weights.safetensors",
+        "log.csv",
+        "checkpoint.safetensors",
+    }
+    assert REDA.load(report["weights"]).about["options"]["episodes"] == 2
+    again = CliRunner().invoke(app, [*words.split(), "--out", str(tmp_path / "run")])
+    assert again.exit_code == 2
+    assert "--force" in again.stderr
+    bad = CliRunner().invoke(app, ["train", "reda", "constellation-tiy", "--out", str(tmp_path / "other")])
+    assert bad.exit_code == 2
+    assert not (tmp_path / "other").exists()
