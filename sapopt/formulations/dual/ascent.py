@@ -156,7 +156,7 @@ def ascend(
     scale = oracle.scale if isinstance(oracle, SoftPathOracle) else _scale(first, n, T)
     options = Subgradient() if soft else Subgradient(length=0.5, shortest=1e-5)
     if state is None:
-        descent = SmoothDescent(iterations=min(_USUAL, max(1, int(0.6 * watch.max_iterations))))
+        descent = SmoothDescent(iterations=min(_USUAL, max(1, int(0.8 * watch.max_iterations))))
         if prices is not None:
             descent = replace(descent, hot=0.05, iterations=min(100, descent.iterations))
         smooth = descent.begin(start) if soft else None
@@ -195,7 +195,7 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
             pace = spent if pace == 0.0 else 0.85 * pace + 0.15 * spent
             affordable = 0.9 * (watch.stop_at - now) / max(pace, 1e-9)
             if done == 2 and wanted == _USUAL:
-                wanted = int(np.clip(0.4 * affordable, _USUAL, min(3 * _USUAL, 0.6 * watch.max_iterations)))
+                wanted = int(np.clip(0.4 * affordable, _USUAL, min(3 * _USUAL, 0.8 * watch.max_iterations)))
             remaining = max(0, min(wanted - done, int(affordable)))
             if abs(done + remaining - descent.iterations) > 0.15 * (descent.iterations - done):
                 descent = _replanned(descent, done, remaining)

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from sapopt.control import Run
@@ -55,6 +56,9 @@ _LARGE = 4_000_000
 
 _REPRICED_WINDOW = 10
 """Steps whose prices are improved before each step of a large problem."""
+
+_LEAST_GAIN = 0.02
+"""Share of the gap that a further round of a large problem must close for another one to follow."""
 
 _REPRICING_HEAT = 0.01
 """Temperature of the repricing, in typical benefits."""
@@ -178,6 +182,10 @@ class _Search:
         self.ascend(math.inf if limit is None else _DUAL_SHARE * limit)
         yield
         yield from self.first_plans()
+        if self.is_large:
+            yield from self.further_plans()
+            yield from self.sweeps()
+            return
         quiet = 0
         for turn in range(self.options.rounds):
             began, before = self.run.seconds, self.value
@@ -223,7 +231,8 @@ class _Search:
         self.dual = ascend(
             self.oracle(0, self.problem.initial_state()),
             self.prices,
-            state=None if self.dual is None else self.dual.state,
+            # a large problem gains more from a second smooth descent than from the subgradient steps that would follow
+            state=None if self.dual is None or self.is_large else self.dual.state,
             time_limit=None if math.isinf(seconds) else max(0.0, min(seconds, self.seconds_left())),
             max_iterations=self.options.iterations - self.iterations,
             target=self.value,
@@ -272,7 +281,6 @@ class _Search:
         """Build plans from the prices alone, the quick ones first."""
         if self.is_large:
             yield from self.windowed_plans()
-            yield from self.sweeps()
             return
         plan = self.rolling("rolling assignment")
         if plan is not None:
@@ -286,7 +294,7 @@ class _Search:
                 yield
         yield from self.sweeps()
 
-    @property
+    @cached_property
     def is_large(self) -> bool:
         """Whether a matrix of all agents and tasks at every step is too much, and can be done without."""
         return (
@@ -310,6 +318,16 @@ class _Search:
                 return
             self.offer(plan, phase)
             yield
+
+    def further_plans(self) -> Iterator[None]:
+        """Improve the prices and plan again, until that gains next to nothing: networks of windows gain less here."""
+        for _ in range(self.options.rounds):
+            value, bound = self.value, self.bound
+            self.ascend(_DUAL_REST * self.seconds_left())
+            yield
+            yield from self.windowed_plans()
+            if self.bound - self.value > (1.0 - _LEAST_GAIN) * (bound - value):
+                break
 
     def sweeps(self) -> Iterator[None]:
         """Let the agents move to their best paths in turn, under prices that fall to nothing."""
