@@ -9,9 +9,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.benefits import Benefits, dense_step
+from sapopt.certificate import Bound
 from sapopt.dynamics.switching import SwitchingCost
 from sapopt.dynamics.synthetic import SyntheticSwitching
+from sapopt.formulations.dual import ascend
 from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_agents, counts, ranks, repeated
+from sapopt.formulations.synthetic.repeated import RepeatedPaths
 from sapopt.problem import SAP
 from sapopt.result import Evaluation
 from sapopt.types import FloatArray, IntArray, index_array
@@ -163,6 +166,36 @@ class SyntheticAgents:
             steps.append(sp.csr_array(repeated(values, self.copies, extra)))
         return SAP(steps, dynamics, initial), constant
 
+    def bound(self, reference: Any = None, *, time_limit: float | None = None) -> Bound:
+        """A proven upper bound of this problem, through `alike`; identical copies share their path recursions.
+
+        Parameters
+        ----------
+        reference : array_like of int, shape (T, problem.n), optional
+            See `alike`: the best plan known makes the tightest bound.
+        time_limit : float, optional
+            Seconds; the best bound so far is returned, and it is as valid as any.
+
+        Returns
+        -------
+        Bound
+            Without prices: they would prove the bound of the problem of identical copies, not of this one.
+        """
+        problem, constant = self.alike(reference)
+        count = int(self.copies[0])
+        start = problem.initial_state()
+        if start is None and (self.copies == count).all():
+            first = np.cumsum(self.copies) - self.copies
+            one = Benefits([_rows(problem.benefits.step(k), first) for k in range(problem.T)])
+            single = problem.model.bind(one).path_oracle(one, None)
+            oracle: Any = RepeatedPaths(single, count)
+        else:
+            oracle = problem.model.path_oracle(problem.benefits, start)
+        found = ascend(oracle, time_limit=time_limit)
+        value = float(found.bound) + constant
+        padding = 1e-12 * max(1.0, abs(value), abs(constant))
+        return Bound(value + padding, None, "Lagrangian dual of identical copies with priced ranks")
+
     def _held(self, reference: Any) -> FloatArray:
         """Benefits of the tasks of every real agent, padded with 0 to the greatest number of copies, (T, n, most)."""
         plan = self.tidied(reference)
@@ -277,3 +310,6 @@ def synthetic_agents(
     return SyntheticAgents(problem, copied, count, float(decay))
 
 
+def _rows(step: Any, rows: IntArray) -> Any:
+    """Some rows of a step, sparse or dense as it is."""
+    return step[rows] if isinstance(step, np.ndarray) else sp.csr_array(sp.csr_array(step)[rows])
