@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -88,11 +89,12 @@ def run_case(name: str, problems: list[dict[str, Any]], cap: float) -> list[dict
     """Rows of one case; those made before it fails or runs far over its time are kept."""
     text = json.dumps({"method": name, "cap": cap, "problems": problems})
     command = [sys.executable, "-m", "experiments.benchmarks.case", text]
+    alone = os.environ | dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, cwd=ROOT, env=alone, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
-            out, err = process.communicate(timeout=60 + 8 * cap)
+            out, err = process.communicate(timeout=120 + 12 * cap)
         except subprocess.TimeoutExpired:
             process.kill()
             out, err = process.communicate()

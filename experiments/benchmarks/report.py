@@ -133,10 +133,12 @@ def page(result: dict[str, Any]) -> str:
         f"""Made by `python -m experiments.benchmarks{" --quick" if result["options"]["quick"] else ""} --docs`.
 The problems are those of `experiments/benchmarks/ring.py`: agents drift past tasks on a ring and see a few of them at a
 time, so that n, m, T and the number of visible pairs can grow one by one. Each method runs in a process of its own and
-stops growing where a problem takes {result["cap"]:g} s. Times are medians over the steps, compilation left out;
-{environment["cores"]} cores, {environment["platform"]}, Python {environment["python"]}; the load of the machine was
-{min(loads):.1f} to {max(loads):.1f}, so times are too long by about that factor over the cores, and ratios are what to
-read.""",
+stops growing where a problem takes {result["cap"]:g} s. Times are those of the processor with one thread, compilation
+left out, for policies all steps over their number; only for the whole horizon, whose solvers run in parallel, is it the
+wall clock. {environment["cores"]} cores, {environment["platform"]}, Python {environment["python"]}. The load was
+{min(loads):.1f} to {max(loads):.1f}: above the number of cores the machine was busy with other work, and then what is
+timed by the wall clock, and what a method finds within a time limit (`dual-decomposition`), is worse; ratios
+are what to read.""",
         "![Time, memory and value against size](images/benchmarks.png)",
     ]
     if groups.get("n"):
