@@ -89,29 +89,34 @@ def _trace(result: Result, bound: float | None) -> list[list[float]]:
 
 def _map(problem: SAP, scenario: Any) -> dict[str, Any] | None:
     """Ground tracks and places of the tasks, if the scenario has them for this very problem."""
-    scenario = getattr(scenario, "constellation", scenario)  # a domain may wrap one
-    positions: Any = getattr(scenario, "positions_km", None)
-    tasks: Any = getattr(scenario, "tasks", None)
-    if positions is None or not hasattr(tasks, "latitude_deg"):
+    # A domain may wrap a constellation; several agents may ride on one satellite, several tasks lie at one place.
+    base: Any = getattr(scenario, "constellation", getattr(scenario, "satellites", scenario))
+    positions, tasks = getattr(base, "positions_km", None), getattr(base, "tasks", None)
+    if positions is None or tasks is None or not hasattr(tasks, "latitude_deg"):
         return None
-    if positions.shape[1:] != (problem.n, 3) or positions.shape[0] < problem.T or tasks.m != problem.m:
+    copied = scenario.synthetic() if hasattr(scenario, "synthetic") else None
+    carrier = getattr(copied, "agent_of", np.arange(positions.shape[1]))
+    place = getattr(copied, "task_of", np.arange(max(tasks.m, problem.m)))
+    if len(carrier) != problem.n or len(place) != problem.m or positions.shape[0] < problem.T:
         raise ValueError(
-            f"scenario: it has {positions.shape[0]} steps, {positions.shape[1]} satellites and {tasks.m} tasks, the "
-            f"problem {problem.T}, {problem.n} and {problem.m}; pass the scenario that the problem was made from"
+            f"scenario: it has {positions.shape[0]} steps, {len(carrier)} agents and {len(place)} tasks, the problem "
+            f"{problem.T}, {problem.n} and {problem.m}; pass the scenario that the problem was made from"
         )
-    x, y, z = np.moveaxis(positions[: problem.T], 2, 0)
+    x, y, z = np.moveaxis(positions[: problem.T, carrier], 2, 0)
     radius = np.sqrt(x * x + y * y + z * z)
     ground = np.stack([np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z / radius))], axis=-1)
-    view = getattr(scenario, "field_of_view", None)
+    # Tasks that the problem has beyond those of the constellation are places to idle.
+    known = np.zeros((3, int(place.max()) + 1))
+    known[:, : tasks.m] = tasks.longitude_deg, tasks.latitude_deg, tasks.priority
+    longitude, latitude, priority = known[:, place]
+    view = getattr(base, "field_of_view", None)
     land = coastline_data()
     return {
         "tracks": _base64(np.round(ground * 180.0).astype(np.int16)),  # units of 1/180 degree: 20 s of arc
-        "places": _base64(
-            np.round(np.stack([tasks.longitude_deg, tasks.latitude_deg], axis=-1) * 180.0).astype(np.int16)
-        ),
-        "priority": _rounded(tasks.priority),
+        "places": _base64(np.round(np.stack([longitude, latitude], axis=-1) * 180.0).astype(np.int16)),
+        "priority": _rounded(priority),
         "footprint": None if view is None else float(np.degrees(view.footprint_rad(radius).mean())),
-        "step_s": getattr(scenario, "step_s", None),
+        "step_s": getattr(base, "step_s", None),
         "land": {"unit": land["unit_deg"], "rings": land["rings"], "source": land["source"]},
     }
 

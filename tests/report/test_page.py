@@ -13,8 +13,9 @@ import pytest
 
 from sapopt import SAP, Result, SwitchingCost, solve
 from sapopt.domains.coastline import coastline_deg
+from sapopt.domains.instances import find_instance, scenario
 from sapopt.report import report
-from sapopt.solvers import HAA
+from sapopt.solvers import HAA, NoHandover
 
 EVIL = "</script><img src=x onerror=alert(1)> & <b>"
 
@@ -78,11 +79,35 @@ def test_map(tmp_path: Path, constellation: Any) -> None:
     assert data["map"]["land"]["source"].startswith("Natural Earth")
 
 
+def test_map_of_beams(tmp_path: Path) -> None:
+    """The beams of a satellite are where it is; idle tasks that the domain adds have no priority."""
+    from sapopt.domains.multibeam import multi_beam
+
+    beams = multi_beam(0, steps=3, tasks=40)
+    problem = beams.problem()
+    data = told(report(problem, solve(problem, HAA()), tmp_path / "r.html", scenario=beams))
+    tracks = array(data["map"]["tracks"], "<i2").reshape(3, problem.n, 2)
+    np.testing.assert_array_equal(tracks[:, beams.synthetic().agent_of == 0][:, :1], tracks[:, :1])
+    assert len(data["map"]["priority"]) == problem.m
+    assert sum(p > 0 for p in data["map"]["priority"]) == 40
+
+
+@pytest.mark.parametrize(
+    "name", ["attitude", "dictator", "power", "ride-hailing", "tracking", "unit-commitment"]
+)
+def test_every_domain(tmp_path: Path, name: str) -> None:
+    """Built-in problems get a page, those that fly with a map."""
+    built = scenario(name, steps=4) if "steps" in find_instance(name).options else scenario(name)
+    problem = built.problem(cost=find_instance(name).cost)
+    data = told(report(problem, solve(problem, NoHandover()), tmp_path / "r.html", scenario=built))
+    assert (data["map"] is not None) == (name in ("attitude", "power", "tracking"))
+
+
 def test_a_scenario_of_another_problem(
     tmp_path: Path, problem: SAP, results: dict[str, Result], constellation: Any
 ) -> None:
     """A map of other satellites would lie."""
-    with pytest.raises(ValueError, match="scenario: it has 8 steps, 24 satellites and 30 tasks"):
+    with pytest.raises(ValueError, match="scenario: it has 8 steps, 24 agents and 30 tasks"):
         report(problem, results, tmp_path / "r.html", scenario=constellation)
     assert list(tmp_path.iterdir()) == []
 
