@@ -68,7 +68,9 @@ def draw(values: dict[str, list[float]], cost: float) -> Figure:
     means = [float(np.mean(reached)) for reached in values.values()]
     bars = right.bar(range(len(means)), means, color=[colours[name] for name in values])
     right.bar_label(bars, fmt="%.2f")
-    right.set_xticks(range(len(means)), [name.replace(", ", "\n") for name in values])
+    right.set_xticks(
+        range(len(means)), [name.replace(", ", "\n").replace("NoHandover", "no\nhandover") for name in values]
+    )
     right.set(title="mean", ylim=(min(0.0, *means), 1.1 * max(means)))
     return figure
 

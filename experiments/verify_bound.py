@@ -172,6 +172,7 @@ def draw(rows: list[Row]) -> Figure:
         ratio_against_c(points, broken, ax=axis)
         axis.set_title(f"{solver}: {len(broken)} violations" + (" (ringed)" if broken else ""))
         axis.set_ylabel("")
+        axis.set_xlim(7e-3, 2.5e3)  # no tick at the edge, where it would touch that of the next panel
     axes[0].set_ylabel("value / optimum")
     axes[0].legend(loc="lower right", framealpha=1.0)
     return figure

@@ -34,6 +34,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out")
     options = parser.parse_args()
+    if options.steps < 8:
+        parser.error("--steps must be at least 8: steps with a whole window are timed, from the second on")
     constellation = scenario("constellation-mid", options.seed)
     whole = constellation.problem()
     graphs = constellation.graphs(steps=range(options.steps))

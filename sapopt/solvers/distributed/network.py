@@ -112,7 +112,8 @@ class Network:
         n, distances = self.n, self.distances
         widths = int(distances.max()) + 1
         far = np.where(distances < 0, np.int16(widths), distances)
-        agents = np.argsort(far, axis=1, kind="stable").astype(np.int32)
+        small = np.int16 if n < 2**15 else np.int32
+        agents = np.argsort(far, axis=1, kind="stable").astype(small)
         counts = np.bincount(
             (np.arange(n)[:, None] * (widths + 1) + far).ravel(), minlength=n * (widths + 1)
         ).reshape(n, widths + 1)

@@ -141,8 +141,7 @@ class Tree:
                 with self.change:
                     for child in children:
                         heapq.heappush(self.queue, child)
-                    if not self.stop:
-                        del self.working[number]
+                    del self.working[number]
                     self.nodes += 1
                     bound = self._bound()
                     self.change.notify_all()
