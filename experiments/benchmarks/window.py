@@ -1,6 +1,6 @@
 """One certified step of a very large constellation: bound and plan of a window, with time and memory.
 
-    python experiments/benchmarks/window.py [--planes 100] [--tasks 30000] [--window 6] [--iterations 30] [--out FILE]
+    python experiments/benchmarks/window.py [--planes 100] [--tasks 30000] [--window 6] [--iterations 80] [--out FILE]
 
 Three Walker shells of ``planes x 100`` satellites and random tasks. The bound is proven for the problem of the window,
 the value is that of a plan for it; kernels are compiled before the clock starts.
@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--planes", type=int, default=100)
     parser.add_argument("--tasks", type=int, default=30_000)
     parser.add_argument("--window", type=int, default=6)
-    parser.add_argument("--iterations", type=int, default=30, help="dual iterations")
+    parser.add_argument("--iterations", type=int, default=80, help="dual iterations")
     parser.add_argument(
         "--repricing", type=int, default=0, help="dual iterations before every step of the plan"
     )

@@ -45,23 +45,17 @@ def seen_tasks(indptr, indices, n, T, m, extra, always):
             tasks = bigger
         for j in everyone:
             stamp[j] = i + 1
-            tasks[total] = j
-            total += 1
-        if extra[i] >= 0 and stamp[extra[i]] <= i:
+        if extra[i] >= 0:
             stamp[extra[i]] = i + 1
-            tasks[total] = extra[i]
-            total += 1
         for k in range(T):
             r = k * n + i
             for e in range(indptr[r], indptr[r + 1]):
-                j = indices[e]
-                if stamp[j] <= i:
-                    stamp[j] = i + 1
-                    tasks[total] = j
-                    total += 1
-        tasks[slot_ptr[i] : total].sort()
-        for s in range(slot_ptr[i], total):
-            where[tasks[s]] = s - slot_ptr[i]
+                stamp[indices[e]] = i + 1
+        for j in range(m):  # in order; sorting them takes as long, and numba seconds to compile
+            if stamp[j] == i + 1:
+                where[j] = total - slot_ptr[i]
+                tasks[total] = j
+                total += 1
         slot_ptr[i + 1] = total
         for k in range(T):
             r = k * n + i

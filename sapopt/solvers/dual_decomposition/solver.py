@@ -310,7 +310,7 @@ class _Search:
         def seconds(k: int) -> float:
             return _REPRICING_SHARE * self.seconds_left() / (self.problem.T - k)
 
-        repriced = {"window": _REPRICED_WINDOW, "iterations": self.options.repricing, "seconds": seconds}
+        repriced = {"window": _REPRICED_WINDOW, "iterations": 2 * self.options.repricing, "seconds": seconds}
         plain: dict[str, Any] = {}
         for phase, options in (("rolling assignment", plain), ("repriced assignment", repriced)):
             plan = windowed_plan(self.problem, self.prices, lambda at=phase: self.report(at), **options)  # type: ignore[misc]

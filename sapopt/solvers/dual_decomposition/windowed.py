@@ -19,7 +19,7 @@ from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.problem import SAP
 from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
 
-_HOT, _COLD, _RATE = 0.05, 0.01, 0.2
+_HOT, _COLD, _RATE = 0.05, 0.02, 0.2
 """Temperatures and step length of the repricing, as in `SmoothDescent`."""
 
 
