@@ -17,6 +17,8 @@ from typing import Any
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
+PATIENCE_S = 120.0
+"""How long a page may take to do something: machines that run tests can be very busy."""
 KEYS = {
     "left": "\ue012",
     "up": "\ue013",
@@ -71,7 +73,7 @@ class Browser:
         capabilities = {
             "alwaysMatch": {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
         }
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + PATIENCE_S
         while True:
             try:
                 made = self._ask("POST", "/session", {"capabilities": capabilities})
@@ -83,6 +85,7 @@ class Browser:
                 time.sleep(0.1)
         self._session = f"/session/{made['sessionId']}"
         self._devtools("Emulation.setDeviceMetricsOverride", self._size)
+        self._devtools("Performance.enable", {"timeDomain": "threadTicks"})
         scheme = {"name": "prefers-color-scheme", "value": "dark" if self._dark else "light"}
         self._devtools("Emulation.setEmulatedMedia", {"features": [scheme]})
         return self
@@ -109,7 +112,7 @@ class Browser:
         """Run JavaScript in the page; `return` hands a value back."""
         return self._ask("POST", self._session + "/execute/sync", {"script": code, "args": list(arguments)})
 
-    def wait(self, code: str, seconds: float = 20.0) -> Any:
+    def wait(self, code: str, seconds: float = PATIENCE_S) -> Any:
         """Run JavaScript again and again until it returns something true."""
         deadline = time.monotonic() + seconds
         while not (value := self.run(code)):
@@ -136,6 +139,11 @@ class Browser:
         log = self._ask("POST", self._session + "/se/log", {"type": "browser"})
         return [entry["message"] for entry in log if entry["level"] in ("WARNING", "SEVERE")]
 
+    def processor_s(self) -> float:
+        """Seconds of processor time that the page has taken so far: what other processes do does not count."""
+        told = self._devtools("Performance.getMetrics", {})["metrics"]
+        return float(next(entry["value"] for entry in told if entry["name"] == "TaskDuration"))
+
     def screenshot(self, path: Path, whole: bool = False) -> None:
         """Write a PNG of the viewport, or of the whole page."""
         shot = self._devtools("Page.captureScreenshot", {"captureBeyondViewport": whole})
@@ -154,7 +162,7 @@ class Browser:
             self._server + path, data, {"Content-Type": "application/json"}, method=method
         )
         try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
+            with urllib.request.urlopen(request, timeout=2 * PATIENCE_S) as answer:
                 return json.loads(answer.read())["value"]
         except urllib.error.HTTPError as error:
             said = json.loads(error.read())["value"]

@@ -235,20 +235,22 @@ def test_phone(phone: Browser, toy: Path, own: Path) -> None:
 def test_mid_size(desk: Browser, tmp_path: Path) -> None:
     """The page of constellation-mid is small, and neither opening it nor a step makes one wait.
 
-    The limits are far above what was measured (0.6 s, 6 ms); machines that run tests are slow and shared.
+    Measured, in processor time: 0.3 s to open, 26 ms a step, drawn without a graphics card.
     """
     mid = scenario("constellation-mid")
     problem = mid.problem()
     results = {"haal:2": solve(problem, HAAL(2)), "haa": solve(problem, HAA())}
     page = report(problem, results, tmp_path / "r.html", scenario=mid)
     assert page.stat().st_size < 10e6
+    before = desk.processor_s()
     opened(desk, page)
+    assert desk.processor_s() - before < 3.0
+    before = desk.processor_s()
     desk.run(
-        "window.took = []; let k = 0; const s = document.getElementById('slider');"
-        "function one() { const began = performance.now(); s.value = ++k; s.dispatchEvent(new Event('input'));"
-        "requestAnimationFrame(() => { window.took.push(performance.now() - began); if (k < 60) one(); }); } one();"
+        "window.done = 0; let k = 0; const s = document.getElementById('slider');"
+        "function one() { s.value = ++k; s.dispatchEvent(new Event('input'));"
+        "requestAnimationFrame(() => { window.done = k; if (k < 60) one(); }); } one();"
     )
-    desk.wait("return window.took.length === 60")
-    took = sorted(desk.run("return window.took"))
-    assert took[30] < 200
+    desk.wait("return window.done === 60")
+    assert (desk.processor_s() - before) / 60 < 0.2
     assert desk.messages() == []
