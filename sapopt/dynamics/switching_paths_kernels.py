@@ -51,10 +51,10 @@ def seen_tasks(indptr, indices, n, T, m, extra, always):
             r = k * n + i
             for e in range(indptr[r], indptr[r + 1]):
                 stamp[indices[e]] = i + 1
-        for j in range(m):  # in order; sorting them takes as long, and numba seconds to compile
-            if stamp[j] == i + 1:
-                where[j] = total - slot_ptr[i]
-                tasks[total] = j
+        for task in range(m):  # in order; sorting them takes as long, and numba seconds to compile
+            if stamp[task] == i + 1:
+                where[task] = total - slot_ptr[i]
+                tasks[total] = task
                 total += 1
         slot_ptr[i + 1] = total
         for k in range(T):
