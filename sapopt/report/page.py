@@ -79,6 +79,8 @@ def report(
         raise ValueError("results is empty; give at least one result of the problem")
     if path.exists() and not force:
         raise ValueError(f"path: {path} exists already; pass force=True to overwrite it, or another path")
+    if bound is not None and not math.isfinite(bound):
+        raise ValueError(f"bound must be a finite number, got {bound}; leave it out if nothing is proven")
     for name, result in named.items():
         _check(problem, str(name), result)
     known = [result.bound for result in named.values()] + [bound]

@@ -151,6 +151,8 @@ def test_results_of_another_problem(tmp_path: Path, problem: SAP, results: dict[
         report(problem, {}, tmp_path / "r.html")
     with pytest.raises(ValueError, match="not a Result"):
         report(problem, {"plan": results["haa"].plan}, tmp_path / "r.html")  # type: ignore[dict-item]
+    with pytest.raises(ValueError, match="bound must be a finite number, got inf"):
+        report(problem, results, tmp_path / "r.html", bound=float("inf"))
     with pytest.raises(ValueError, match=r"prices must be finite, of shape \(T, m\) = \(12, 6\)"):
         report(problem, results, tmp_path / "r.html", prices=np.ones((6, 12)))
 
