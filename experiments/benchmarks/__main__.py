@@ -127,7 +127,7 @@ def main() -> None:
             groups[group] += rows
             bad = [row["failed"] for row in rows if "failed" in row]
             run.say(f"{group:10} {name:20} {len(rows) - len(bad)} of {len(seeded)} problems {' '.join(bad)}")
-        run.write_json({"groups": groups, "exponents": report.exponents(groups), "cap": cap})
+            run.write_json({"groups": groups, "exponents": report.exponents(groups), "cap": cap})
     result = json.loads(path.read_text(encoding="utf-8"))
     figure = report.picture(result)
     run.write_figure(figure)
