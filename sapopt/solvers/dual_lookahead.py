@@ -9,7 +9,6 @@ the window, where HAAL's is exponential in the lookahead.
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +58,8 @@ class DualLookahead:
         Price iterations at every step; the first step gets four times as many, as it has no prices to start from.
     end_value : ChargeValue, optional
         What a battery's charge is worth after the window, in place of `sapopt.dynamics.battery_paths.leftover`; for a
-        `Battery` only. Any callable ``end_value(problem, left)`` that returns one number for each level, when `left` steps follow
-        the window.
+        `Battery` only. Any callable ``end_value(problem, left)`` that returns one number for each level, when `left`
+        steps follow the window.
 
     Notes
     -----

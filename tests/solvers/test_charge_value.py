@@ -83,6 +83,14 @@ def test_learned_table() -> None:
     assert (table[0] == 0).all()
 
 
+def test_scaling_keeps_the_value_of_life() -> None:
+    """Differences between living levels are scaled; what it is worth to be alive is not."""
+    value = ChargeValue([[0.0, 4.0, 5.0, 7.0]]).scaled(0.5)
+    np.testing.assert_allclose(value.table, [[0.0, 4.0, 4.5, 5.5]])
+    with pytest.raises(ValueError, match="factor"):
+        value.scaled(-1.0)
+
+
 def test_file(tmp_path: Path) -> None:
     """A table comes back as it was; the shipped one is there; damage and strangers are refused."""
     value = ChargeValue(np.arange(6.0).reshape(2, 3), "by hand")
