@@ -3,7 +3,7 @@
     python -m experiments.benchmarks [--quick] [--groups n m T L visible alpha algorithm2 whole] [--docs] [--out DIR]
 
 Every method runs in a process of its own (`case.py`), so that its peak memory is its own, on problems of `ring.py`.
-Writes one JSON and one picture, and with `--docs` the page docs/benchmarks.md. Groups that are left out keep the rows
+Writes one JSON and one picture, and with `--docs` the page docs/benchmark_results.md. Groups that are left out keep the rows
 of an earlier run in the same folder, so that a long run can be made in parts.
 """
 
@@ -109,7 +109,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     """What this script takes besides the common options."""
     parser.add_argument("--groups", nargs="+", choices=GROUPS, default=list(GROUPS))
     parser.add_argument("--cap", type=float, help="seconds for one problem (default 20, quick 2)")
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md and its picture")
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmark_results.md and its picture")
 
 
 def main() -> None:
@@ -134,7 +134,7 @@ def main() -> None:
     page = report.page(result)
     (run.out / "benchmarks.md").write_text(page, encoding="utf-8")
     if run.options.docs:
-        (ROOT / "docs" / "benchmarks.md").write_text(page, encoding="utf-8")
+        (ROOT / "docs" / "benchmark_results.md").write_text(page, encoding="utf-8")
         figure.savefig(ROOT / "docs" / "images" / "benchmarks.png", dpi=110)
 
 

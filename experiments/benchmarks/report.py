@@ -113,7 +113,7 @@ def ratios(rows: Rows, ours: str) -> str:
 
 
 def page(result: dict[str, Any]) -> str:
-    """docs/benchmarks.md."""
+    """docs/benchmark_results.md."""
     groups, fitted, environment = result["groups"], result["exponents"], result["environment"]
     bounds = best_bounds([row for rows in groups.values() for row in rows])
 
@@ -128,8 +128,13 @@ def page(result: dict[str, Any]) -> str:
         return f"{row['peak_mib']:,.0f}"
 
     loads = [row["load"] for rows in groups.values() for row in good(rows)]
+    missing = [
+        f"`{name}`"
+        for name in ("n", "m", "T", "L", "visible", "alpha", "algorithm2", "whole")
+        if not groups.get(name)
+    ]
     parts = [
-        "# Benchmarks",
+        "# What the benchmarks gave",
         f"""Made by `python -m experiments.benchmarks{" --quick" if result["options"]["quick"] else ""} --docs`.
 The problems are those of `experiments/benchmarks/ring.py`: agents drift past tasks on a ring and see a few of them at a
 time, so that n, m, T and the number of visible pairs can grow one by one. Each method runs in a process of its own and
@@ -139,6 +144,7 @@ wall clock. {environment["cores"]} cores, {environment["platform"]}, Python {env
 {min(loads):.1f} to {max(loads):.1f}: above the number of cores the machine was busy with other work, and then what is
 timed by the wall clock, and what a method finds within a time limit (`dual-decomposition`), is worse; ratios
 are what to read.""",
+        f"Not in this run: the groups {', '.join(missing)}." if missing else "",
         "![Time, memory and value against size](images/benchmarks.png)",
     ]
     if groups.get("n"):
@@ -207,7 +213,7 @@ are what to read.""",
     ]
     if failed:
         parts += ["## What failed", "\n".join(failed)]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def picture(result: dict[str, Any]) -> Figure:
@@ -229,6 +235,7 @@ def picture(result: dict[str, Any]) -> Figure:
             ax.set_xscale("log")
         if log:
             ax.set_yscale("log")
+        ax.set_visible(ax.has_data())
         if ax.has_data():
             ax.legend(fontsize=7)
         ax.grid(alpha=0.3)
