@@ -3,8 +3,8 @@
     python -m experiments.benchmarks [--quick] [--groups n m T L visible alpha algorithm2 whole] [--docs] [--out DIR]
 
 Every method runs in a process of its own (`case.py`), so that its peak memory is its own, on problems of `ring.py`.
-Writes one JSON and one picture, and with `--docs` the page docs/benchmark_results.md. Groups that are left out keep the rows
-of an earlier run in the same folder, so that a long run can be made in parts.
+Writes one JSON and one picture, and with `--docs` the page docs/benchmark_results.md. Groups that are left out keep the
+rows of an earlier run in the same folder, so that a long run can be made in parts.
 """
 
 from __future__ import annotations
