@@ -64,8 +64,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     players = {
         "power-constrained greedy": by_generator(power_constrained),
         "energy price": by_generator(energy_price),
-        "dual lookahead W=3": by_policy(DualLookahead(3, 20)),
-        "the same with the value of charge": by_policy(DualLookahead(3, 20, ChargeValue.load("power"))),
+        "dual lookahead W=3": by_policy(DualLookahead(3)),
+        "the same with the value of charge": by_policy(DualLookahead(3, end_value=ChargeValue.load("power"))),
     }
     fresh = [problems(FRESH + seed) for seed in run.seeds]
     lines = {}

@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     if run.options.ippo:
         players["IPPO"] = by_ippo(network_of(run.options.ippo))
     players["dual lookahead W=3, value of charge"] = by_policy(
-        DualLookahead(3, 20, ChargeValue.load("power"))
+        DualLookahead(3, end_value=ChargeValue.load("power"))
     )
     problems = [instance("power", FIRST + seed, steps=20 if run.quick else 100) for seed in run.seeds]
     report = {}

@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     }
     if run.options.lookahead:
         players["dual lookahead W=3, value of charge"] = by_policy(
-            DualLookahead(3, 20, ChargeValue.load("power"))
+            DualLookahead(3, end_value=ChargeValue.load("power"))
         )
     report: dict[str, dict[str, float]] = {}
     for size in sizes:
