@@ -34,14 +34,14 @@ def q_options(seed: int, episodes: int, choose: str) -> TrainOptions:
     """Small batches and one-step targets: the problem has 30 states of state and step."""
     return TrainOptions(
         episodes=episodes, gradient_steps=8, stretches=2, stretch=10, memory=100, learning_rate=3e-3, discount=0.99,
-        soft_target=0.05, trace=0.0, noise=1.0, explore=0.6, spec=GlobalSpec(), evaluations=1, evaluate_every=10,
+        soft_target=0.05, trace=0.0, noise=1.0, explore=0.8, spec=GlobalSpec(), evaluations=1, evaluate_every=2,
         checkpoint_every=episodes, seed=seed, choose=choose,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
 def learn(method: str, seed: int, quick: bool, folder: Path) -> Training:
     """One training run."""
-    episodes = 20 if quick else 400
+    episodes = 20 if quick else 800
     if method == "ippo":
         options = PPOOptions(
             episodes=episodes, batch=30, learning_rate=2e-3, discount=0.99, spec=GlobalSpec(), seed=seed,
@@ -49,7 +49,7 @@ def learn(method: str, seed: int, quick: bool, folder: Path) -> Training:
         )  # fmt: skip
         return train_ippo(problems, options, folder)
     if method == "coma":
-        return train_coma(problems, COMAOptions(episodes=5 * episodes, seed=seed), folder)
+        return train_coma(problems, COMAOptions(episodes=3 * episodes, seed=seed), folder)
     choose = {"reda": "alpha", "iql": "self"}[method]
     return train(problems, AssignmentPolicy(myopic), q_options(seed, episodes, choose), folder)
 
