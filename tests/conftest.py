@@ -1,6 +1,7 @@
 """Shared set-up: where tests find `strategies`, and how hypothesis runs."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -20,4 +21,7 @@ settings.register_profile(
 settings.register_profile(
     "explore", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow]
 )
+# A shell that starts the tests in the background has them ignore Ctrl-C, which some of them send.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))

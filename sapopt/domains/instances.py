@@ -367,7 +367,7 @@ def _tracking(
     (93, 324, 450),
 )
 def _interference(
-    seed: int, steps: int = 93, tasks: int = 450, planes: int = 40, per_plane: int = 25, strength: float = 0.8
+    seed: int, steps: int = 93, tasks: int = 450, planes: int = 18, per_plane: int = 18, strength: float = 0.8
 ) -> Scenario:
     from sapopt.domains import constellation as c
     from sapopt.domains.interference import DisturbedBeams

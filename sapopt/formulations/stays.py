@@ -3,7 +3,7 @@
 A *stay* is an agent on a task over the steps ``first .. stop - 1``. With one cost for every move, a stay is worth the
 benefits of its steps less the cost of entering it, whatever came before; so the problem is to cover every agent's steps
 exactly once, and every task's steps at most once. As a linear programme this is as tight as the time-expanded network,
-with a tenth of its rows; there are ``n m T (T + 1) / 2`` stays, of which only those that prices leave in the game matter.
+with a tenth of its rows; there are ``n m T (T + 1) / 2`` stays, of which only those matter that prices leave in play.
 
     accepts(problem) -> reason or None, compile(problem) -> Stays, recover(stays, x, keep) -> plan
 """

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 from sapopt.solvers.distributed import CBBA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.haal import HAA, HAAL
 from sapopt.solvers.iterated import IteratedAssignment
-from sapopt.solvers.policy import AssignmentPolicy, Greedy, NoHandover, energy_price, myopic, power_constrained
+from sapopt.solvers.policy import (
+    AssignmentPolicy,
+    Greedy,
+    NoHandover,
+    energy_price,
+    myopic,
+    power_constrained,
+)
 
 if TYPE_CHECKING:
     from sapopt.solvers.dual_decomposition import DualDecomposition

@@ -85,8 +85,8 @@ class DualLookahead:
         """No prices yet."""
         if not is_agent_local(problem.model):
             raise ValueError(
-                f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has neither path_oracle nor "
-                "local_model"
+                f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has "
+                "neither path_oracle nor local_model"
             )
         if self.end_value is not None and not hasattr(problem.model, "charge_of"):
             raise ValueError(

@@ -77,7 +77,9 @@ def test_stays_that_agree_with_a_plan() -> None:
     compiled = stays.compile(problem)
     plan = np.array([[0, 1], [0, 2], [0, 2], [1, 2]])
     fixed = compiled.compatible(plan, np.zeros((4, 2), dtype=bool))
-    for i, j, a, b in zip(*(getattr(compiled, k)[fixed] for k in ("agent", "task", "first", "stop")), strict=True):
+    for i, j, a, b in zip(
+        *(getattr(compiled, k)[fixed] for k in ("agent", "task", "first", "stop")), strict=True
+    ):
         assert (plan[a:b, i] == j).all()
     assert compiled.compatible(plan, np.ones((4, 2), dtype=bool)).all()
     free = np.zeros((4, 2), dtype=bool)

@@ -38,9 +38,7 @@ def worth_of_sets(made: SyntheticAgents, owners: np.ndarray) -> float:
     base, total = made.base, 0.0
     held: Any = None
     if made.problem.initial_assignment is not None:
-        held = [
-            set(made.problem.initial_assignment[made.agent_of == i].tolist()) for i in range(base.n)
-        ]
+        held = [set(made.problem.initial_assignment[made.agent_of == i].tolist()) for i in range(base.n)]
     dense = base.benefits.dense()
     for k, row in enumerate(owners):
         sets = [set(np.flatnonzero(row == i).tolist()) for i in range(base.n)]
@@ -158,7 +156,9 @@ def test_bound_with_decay() -> None:
     )
     assert optimum.value - 1e-9 <= tight < loose
     assert made.bound(optimum.plan).value == pytest.approx(tight)
-    free = synthetic_agents(SAP(base.benefits, SwitchingCost(0.2)), 2, 0.5, idle_tasks=2)  # copies share paths
+    free = synthetic_agents(
+        SAP(base.benefits, SwitchingCost(0.2)), 2, 0.5, idle_tasks=2
+    )  # copies share paths
     best = solve(free.problem, Exact(method="dp"))
     shared = free.bound(best.plan).value
     alike, constant = free.alike(best.plan)
@@ -175,7 +175,9 @@ def observed(draw: Any) -> SyntheticTasks:
     if draw(st.booleans()):
         dynamics: Any = SwitchingCost(draw(st.sampled_from([0.0, 0.5])), idle_is_free=draw(st.booleans()))
     else:
-        dynamics = SyntheticSwitching(0.25, draw(st.sampled_from([0.5, 1.0])), needs_sight=draw(st.booleans()))
+        dynamics = SyntheticSwitching(
+            0.25, draw(st.sampled_from([0.5, 1.0])), needs_sight=draw(st.booleans())
+        )
     initial = draw(st.none() | st.just(list(range(2, 2 + n))))
     base = SAP(as_form(benefits, draw(st.sampled_from(["dense", "sparse"]))), dynamics, initial)
     copies = [draw(st.integers(1, 2)), 2, *[1] * n]

@@ -37,7 +37,9 @@ def cases(draw: st.DrawFn) -> tuple[Any, float, Any, np.ndarray]:
     return benefits, draw(st.sampled_from([0.0, 0.2, 1.0])), state, prices
 
 
-def value_of(benefits: np.ndarray, cost: float, state: Any, prices: np.ndarray, path: np.ndarray, i: int) -> float:
+def value_of(
+    benefits: np.ndarray, cost: float, state: Any, prices: np.ndarray, path: np.ndarray, i: int
+) -> float:
     """Priced value of a path, from the definition."""
     total, held = 0.0, -1 if state is None else state[i]
     for k, j in enumerate(path):
@@ -55,7 +57,9 @@ def test_hard_paths(case: Any) -> None:
     np.testing.assert_allclose(ours, values, rtol=0, atol=1e-9)
     for i in range(len(values)):
         if np.isfinite(values[i]):
-            assert value_of(benefits, cost, state, prices, our_plan[:, i], i) == pytest.approx(values[i], abs=1e-9)
+            assert value_of(benefits, cost, state, prices, our_plan[:, i], i) == pytest.approx(
+                values[i], abs=1e-9
+            )
     assert our_plan.shape == plan.shape
 
 

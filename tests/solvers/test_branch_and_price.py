@@ -44,7 +44,9 @@ def test_column_generation_ends_at_the_relaxation_of_the_network() -> None:
         compiled = stays.compile(problem)
         master = Master(compiled, np.arange(5))
         found = master.solve(np.zeros(len(compiled), dtype=bool), -np.inf)
-        assert found.bound == pytest.approx(maximise(network.compile(problem).programme(), relaxed=True).value)
+        assert found.bound == pytest.approx(
+            maximise(network.compile(problem).programme(), relaxed=True).value
+        )
         assert len(found.stays) < len(compiled)
 
 
@@ -66,7 +68,7 @@ def test_cuts_lower_the_bound_and_keep_every_plan() -> None:
 
 
 def test_dives_end_in_plans() -> None:
-    """A dive gives a plan between the first heuristics and the bound; one that cannot get above the floor gives none."""
+    """A dive gives a plan between the first heuristics and the bound; one that stays below the floor gives none."""
     problem = hard_problem(1)
     compiled, master, _, bounds = relaxed_to_the_end(problem)
     nothing = np.zeros(len(compiled), dtype=bool)

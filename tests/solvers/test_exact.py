@@ -253,7 +253,12 @@ def test_endings_are_told_apart() -> None:
 def test_failing_solver_is_an_error() -> None:
     """A programme that HiGHS refuses is an error, never an answer."""
     broken = Programme(
-        np.array([np.nan, 1.0]), np.array([[1.0, np.inf]]), np.zeros(1), np.ones(1), np.ones(2), np.ones(2, dtype=bool)
+        np.array([np.nan, 1.0]),
+        np.array([[1.0, np.inf]]),
+        np.zeros(1),
+        np.ones(1),
+        np.ones(2),
+        np.ones(2, dtype=bool),
     )
     with pytest.raises(SolverError, match="HiGHS"):
         maximise(broken)
@@ -268,7 +273,9 @@ def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert solve(problem, Exact()).status is Status.OPTIMAL
 
 
-def test_networks_that_are_too_large(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_networks_that_are_too_large(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     """Where building the network would take all the time or memory, prices plan and prove, and the log says so."""
     problem = SAP(np.random.default_rng(0).random((6, 4, 6)), SwitchingCost(0.3))
     exact = solve(problem, Exact())

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from sapopt import SAP, Benefits, CertificateError, bound, certify, solve, verify
+from sapopt.domains.constellation import WalkerShell
+from sapopt.domains.power import power_constellation
 from sapopt.dynamics import Battery
 from sapopt.dynamics.local import LocalOracle
-from sapopt.domains.power import power_constellation
-from sapopt.domains.constellation import WalkerShell
 from sapopt.formulations.network import compile as compile_network
 from sapopt.result import Status
 from sapopt.solvers import HAA, DualDecomposition, DualLookahead, Exact

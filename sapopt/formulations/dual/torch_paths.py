@@ -11,6 +11,7 @@ This is the one module outside `sapopt.learning` that needs torch, and it import
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -125,7 +126,7 @@ class TorchSwitching:
         agent = np.repeat(np.arange(T * n) % n, np.diff(own.indptr))
         place = self._tensor(agent * size + own.entry_slot)
         data = self._tensor(own.data)
-        self._entries = [(place[a:b], data[a:b]) for a, b in zip(step_ptr[:-1], step_ptr[1:], strict=True)]
+        self._entries = [(place[a:b], data[a:b]) for a, b in pairwise(step_ptr)]
         self._excluded = self._tensor(np.where(own.excluded, np.inf, 0.0))
 
     @property

@@ -62,9 +62,7 @@ class SyntheticAgents:
     def tasks_of(self, plan: Any) -> list[list[tuple[int, ...]]]:
         """Tasks of `base` that every real agent holds at every step: ``tasks_of(plan)[k][i]``."""
         owners = self.original(plan)[:, : self.base.m]
-        return [
-            [tuple(np.flatnonzero(row == i).tolist()) for i in range(self.base.n)] for row in owners
-        ]
+        return [[tuple(np.flatnonzero(row == i).tolist()) for i in range(self.base.n)] for row in owners]
 
     def plan(self, owners: Any) -> IntArray:
         """A plan of the copies in which every agent holds the given tasks, ordered so that the value is greatest.
@@ -244,7 +242,9 @@ class SyntheticAgents:
                 missing[before[j]] -= 1
         free = idle[out[idle] < 0]
         if len(free) < missing.sum():
-            raise ValueError(f"owners: {missing.sum()} copies have no task at step {k}; there are too few idle ones")
+            raise ValueError(
+                f"owners: {missing.sum()} copies have no task at step {k}; there are too few idle ones"
+            )
         out[free[: missing.sum()]] = np.repeat(np.arange(self.base.n), missing)
         return out
 

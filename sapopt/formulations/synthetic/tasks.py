@@ -132,9 +132,7 @@ def synthetic_tasks(problem: SAP, copies: Any, decay: float = 1.0) -> SyntheticT
     dynamics = problem.dynamics
     if isinstance(dynamics, SwitchingCost) and dynamics.is_uniform:
         options: dict[str, Any] = {"cost": dynamics.cost, "idle_is_free": dynamics.idle_is_free}
-    elif (
-        isinstance(dynamics, SyntheticSwitching) and dynamics.agent_of is None and dynamics.task_of is None
-    ):
+    elif isinstance(dynamics, SyntheticSwitching) and dynamics.agent_of is None and dynamics.task_of is None:
         names = ("cost", "forfeit", "idle_is_free", "needs_sight")
         options = {name: getattr(dynamics, name) for name in names}
     else:
@@ -152,5 +150,3 @@ def synthetic_tasks(problem: SAP, copies: Any, decay: float = 1.0) -> SyntheticT
         agents=problem.agents,
     )
     return SyntheticTasks(problem, copied, count, float(decay))
-
-

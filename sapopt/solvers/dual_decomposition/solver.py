@@ -71,8 +71,8 @@ class DualDecomposition:
     The prices of the task capacities are ascended until the Lagrangian bound settles. They turn into plans by a rolling
     assignment with priced futures and by sweeps in which one agent after another takes its best priced path. With a
     `SwitchingCost`, windows of the best plan are then solved exactly, as network flows restricted to cells whose prices
-    show that a near-optimal plan may use them; with other agent-local dynamics (those with a `path_oracle` or `local_model`) the sweeps
-    go on.
+    show that a near-optimal plan may use them; with other agent-local dynamics (those with a
+    `path_oracle` or `local_model`) the sweeps go on.
 
     Parameters
     ----------

@@ -57,7 +57,9 @@ def windowed_plan(
         end = min(k + window, problem.T)
         oracle = problem.model.path_oracle(problem.benefits.slice(k, end), state)
         if not isinstance(oracle, FirstRowsOracle):
-            raise ValueError(f"dynamics: {type(problem.dynamics).__name__} has no sparse values of first tasks")
+            raise ValueError(
+                f"dynamics: {type(problem.dynamics).__name__} has no sparse values of first tasks"
+            )
         if iterations:
             prices[k:end] = _repriced(oracle, prices[k:end], iterations, seconds(k))
         # with a task to spare only prices of zero make the assignment optimal

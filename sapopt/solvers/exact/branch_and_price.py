@@ -84,7 +84,15 @@ class BranchAndPrice:
                 return
         keep = np.flatnonzero(regret <= self._gap())
         stays, regret = stays.only(keep), regret[keep]
-        tree = Tree(stays, np.argsort(regret)[:_BEGIN], self.bound, self._found, self._target, self._watch, self._polish)
+        tree = Tree(
+            stays,
+            np.argsort(regret)[:_BEGIN],
+            self.bound,
+            self._found,
+            self._target,
+            self._watch,
+            self._polish,
+        )
         tree.cuts, tree.right = master.cuts[:, keep], master.right
         bound = tree.search(threads)
         self._tell("branch and price", bound)
@@ -129,7 +137,13 @@ class BranchAndPrice:
 
         seconds = min(_SHARE * self.run.seconds_left, 1.0 + len(regret) / 1500)
         self.local = search = Neighbourhoods(
-            self.problem, StaysForm(master.stays, regret), sample, self.bound, self.run, self._found, self.tolerance
+            self.problem,
+            StaysForm(master.stays, regret),
+            sample,
+            self.bound,
+            self.run,
+            self._found,
+            self.tolerance,
         )
         search.improve(self.best, seconds, _QUIET * (seconds + 3.0))
 

@@ -1,9 +1,10 @@
 """Odd-cycle cuts for the relaxation over stays.
 
-Take an odd number of rows (steps of agents, steps of tasks), each filled at most once. Half their sum, rounded down, says
-that the stays that fill two of h rows (three count as one, four as two) number at most (h - 1) / 2: a Chvatal-Gomory cut
-with multipliers one half. It is violated where stays of about one half conflict in a ring. Such rings are shortest odd
-closed walks in the graph of conflicts, whose edges weigh ``1 - x_u - x_v`` (Groetschel, Lovasz and Schrijver, 1988).
+Take an odd number of rows (steps of agents, steps of tasks), each filled at most once. Half their sum, rounded down,
+says that the stays that fill two of h rows (three count as one, four as two) number at most (h - 1) / 2: a
+Chvatal-Gomory cut with multipliers one half. It is violated where stays of about one half conflict in a ring. Such
+rings are shortest odd closed walks in the graph of conflicts, whose edges weigh ``1 - x_u - x_v`` (Groetschel, Lovasz
+and Schrijver, 1988).
 """
 
 from __future__ import annotations

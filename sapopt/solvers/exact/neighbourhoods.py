@@ -8,7 +8,6 @@ arcs (and those of small regret) is found quickly, and is better than any of the
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from sapopt.formulations.highs import Answer, Ending, maximise
 from sapopt.problem import SAP
 from sapopt.solvers.exact.forms import Form
 from sapopt.solvers.exact.warm import Incumbent
-from sapopt.types import FloatArray, IntArray
+from sapopt.types import IntArray
 
 _POOL = 6
 _REACH = 0.002

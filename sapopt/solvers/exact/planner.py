@@ -66,8 +66,8 @@ class Exact:
     Notes
     -----
     The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or FEASIBLE where
-    the solver stopped for another reason. Without a time limit it runs until it has a proof. "milp" runs inside `cvxpy`,
-    which has no callback: a time limit holds, but progress and an early end asked for by the callback do not reach it.
+    the solver stopped for another reason. Without a time limit it runs until it has a proof. "milp" runs in `cvxpy`,
+    which has no callback: a time limit holds, but progress and an early end by the callback do not reach it.
 
     References
     ----------

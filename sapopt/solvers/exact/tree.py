@@ -223,7 +223,11 @@ class Tree:
         return out
 
     def _choose(
-        self, master: Master, closed: np.ndarray, relaxed: Relaxed, candidates: list[tuple[str, int, int, int]]
+        self,
+        master: Master,
+        closed: np.ndarray,
+        relaxed: Relaxed,
+        candidates: list[tuple[str, int, int, int]],
     ) -> tuple[tuple[str, int, int, int], tuple[float, float]]:
         """The branch that lowers the bound most, and the bounds of its two parts."""
         basis = master.solver.getBasis()
