@@ -227,7 +227,7 @@ steps = [sp.random_array((300, 400), density=0.01, rng=rng, format="csr") for _ 
 problem = sapopt.SAP(steps, 0.5)
 sapopt.solve(sapopt.SAP(steps[:4], 0.5), HAAL(3))
 print("ready", flush=True)
-result = sapopt.solve(problem, HAAL(14))
+result = sapopt.solve(problem, HAAL(20))
 print(result.status.value, problem.evaluate(result.plan).value == result.value)
 """
 

@@ -30,6 +30,9 @@ from sapopt.cli.output import Output
 from sapopt.cli.progress import Reporter
 from sapopt.result import Status
 
+_BOUND_SECONDS = 40.0
+"""For the bound beside a solver that proves none, where no limit is asked for."""
+
 DEFAULT_SOLVERS = "no-handover,greedy,haa,haal:2,haal:3,haal:6,dual-lookahead:6,dual-decomposition"
 
 
@@ -109,7 +112,10 @@ def solve(
     time_limit: TimeLimit = None,
     range_km: RangeKm = None,
     with_bound: Annotated[
-        bool, typer.Option("--bound/--no-bound", help="Also prove a bound, if the solver does not.")
+        bool,
+        typer.Option(
+            "--bound/--no-bound", help="Also prove a bound if the solver does not, in 40 s or --time-limit."
+        ),
     ] = True,
     agent: Agent = 0,
     as_json: AsJson = False,
@@ -129,7 +135,7 @@ def solve(
         work.warm_up(problem, [named], reporter)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
         if with_bound and result.bound is None and result.status is not Status.INTERRUPTED:
-            proven = work.prove_bound(problem, seed, time_limit, reporter)
+            proven = work.prove_bound(problem, seed, time_limit or _BOUND_SECONDS, reporter)
             result = result.with_bound(proven.value, proven.prices)
         record = show.result_record(result, None)
         report = {

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from types import FrameType
 
@@ -26,6 +27,7 @@ from sapopt.types import FloatArray
 
 _WARM_UP_STEPS = 3
 _WARM_UP_SECONDS = 2.0
+_WARM_UP_ITERATIONS = 3
 
 
 def check_instance(name: str) -> None:
@@ -77,6 +79,7 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
     steps = min(_WARM_UP_STEPS, problem.T)
     small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
     solvers = shortened(solvers, steps)
+    iterations = count(1)
     with reporter.phase("compiling kernels", total=len(solvers) + 1) as phase:
         for done, named in enumerate(solvers):
             phase.update(done, note=named.name)
@@ -85,7 +88,8 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
             if verbs.solve(small, named.solver, time_limit=limit).status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
         phase.update(len(solvers), note="bound")
-        verbs.bound(small, callback=lambda progress: True)
+        # The first evaluation uses other kernels than the iterations that follow.
+        verbs.bound(small, callback=lambda progress: next(iterations) >= _WARM_UP_ITERATIONS)
         phase.note = ""
 
 

@@ -69,24 +69,25 @@ def test_a_killed_worker_of_a_cluster(cluster: Any, tmp_path: Path) -> None:
 def test_a_restarted_sweep(cluster: Any, tmp_path: Path) -> None:
     """A sweep that ends early goes on where it was; damaged files and failures are done again, the rest is not."""
     log, out = tmp_path / "log", tmp_path / "out"
-    todo = jobs(12, log)
+    todo = jobs(12, log, seconds=0.3)
 
     class StopError(Exception):
         pass
 
     def stop(finished: Finished) -> None:
-        if len(list(out.glob("*.json"))) == 5:
+        if len(list(out.glob("*.json"))) >= 5:
             raise StopError
 
     with pytest.raises(StopError):
         run_jobs(square, todo, out, cluster=cluster.scheduler_address, on_finished=stop)
     held = {path: path.stat().st_mtime_ns for path in out.glob("*.json")}
-    assert len(held) == 5
+    assert 5 <= len(held) < 12
     broken = next(iter(held))
     broken.write_text(broken.read_text()[:20])
     done = run_jobs(square, todo, out, cluster=cluster.scheduler_address)
     assert [finished.record for finished in done] == [{"square": x * x} for x in range(12)]
-    assert sum(not finished.fresh for finished in done) == 4
+    # What was under way when the sweep ended may have landed since.
+    assert sum(not finished.fresh for finished in done) >= len(held) - 1
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in held.items() if path != broken)
     assert not list(out.glob("*.part"))
 
