@@ -5,8 +5,8 @@ The assignment problem gives every agent one task and every task one agent. Copi
 tasks*; the r-th copy is worth ``decay ** r`` of the original. A handover is still one of the originals: an agent is
 charged for a task unless one of its copies held it (or a copy of it) at the step before (`SyntheticSwitching`).
 
-    forward: synthetic_agents(problem, B, decay) -> SyntheticAgents,
-             synthetic_tasks(problem, C, decay) -> SyntheticTasks
+    forward: synthetic_agents(problem, B, decay) -> SyntheticAgents
+    or synthetic_tasks(problem, C, decay) -> SyntheticTasks
     solve(....problem, any solver), then back: .original(plan), .evaluate(original), .plan(original)
 """
 
