@@ -143,6 +143,11 @@ def test_every_instance_has_its_shape_and_seed(name, tmp_path):
     assert first.fingerprint == again.fingerprint
     assert first.fingerprint != other.fingerprint or name == "dictator"  # one table of values, nothing drawn
     assert (first.n, first.m) == described.shape[1:]
+    if name in ("dictator", "tracking"):  # they charge something else than handovers
+        with pytest.raises(ValueError, match="cost: "):
+            instance(name, 1, cost=0.125, **options)
+    elif name != "unit-commitment":  # its cost is a factor on every unit's own
+        assert instance(name, 1, cost=0.125, **options).dynamics.cost == 0.125
     first.save(tmp_path / "instance.npz")
     loaded = SAP.load(tmp_path / "instance.npz")
     assert loaded.fingerprint == first.fingerprint
