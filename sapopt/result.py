@@ -8,11 +8,14 @@ import zipfile
 import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sapopt.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from sapopt.problem import SAP
 
 
 class Status(enum.Enum):
@@ -83,6 +86,8 @@ class Result:
     seed : int
     prices : ndarray or None, shape (T, m)
         Task prices that prove the bound, if the solver found some.
+    problem : SAP or None
+        The problem that was solved. Files and pickles leave it out, so that they stay small.
     """
 
     plan: IntArray
@@ -94,6 +99,7 @@ class Result:
     trace: list[dict[str, Any]] = field(default_factory=list, repr=False)
     seed: int = 0
     prices: FloatArray | None = field(default=None, repr=False)
+    problem: SAP | None = field(default=None, repr=False)
 
     @property
     def value(self) -> float:
@@ -128,8 +134,44 @@ class Result:
             return self
         return replace(self, bound=bound, prices=self.prices if prices is None else prices)
 
+    def report(self, path: str | Path, problem: SAP | None = None, **options: Any) -> Path:
+        """Write the result as one HTML page to look at; see `sapopt.report.report`, which also compares several.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write.
+        problem : SAP, optional
+            The problem that was solved; needed only if the result was read from a file.
+        **options
+            ``scenario`` (gives a map), ``bound``, ``prices``, ``title`` and ``force`` of `sapopt.report.report`.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError
+            If the problem is not known or not the one that was solved, or the file exists and `force` is not given.
+        """
+        # The one import upwards: the page is made of problem and result alone.
+        from sapopt.report import report
+
+        known = self.problem if problem is None else problem
+        if known is None:
+            raise ValueError(
+                "problem: a result that was read from a file does not hold its problem; pass it, for example "
+                "result.report(path, SAP.load(...))"
+            )
+        return report(known, self, path, **options)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "problem": None}
+
     def save(self, path: str | Path) -> None:
-        """Write the result to an ``.npz`` file."""
+        """Write the result to an ``.npz`` file, without its problem (`SAP.save` writes that)."""
         meta = {
             "format": "sapopt-result-1", "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
             "bound": self.bound, "seed": self.seed, "value": self.value, "handovers": self.handovers,

@@ -85,7 +85,7 @@ def solve(
         runtime = run.seconds
     return Result(
         outcome.plan, problem.evaluate(outcome.plan), outcome.status, runtime, solver.name, outcome.bound,
-        outcome.trace, seed, outcome.prices,
+        outcome.trace, seed, outcome.prices, problem,
     )  # fmt: skip
 
 

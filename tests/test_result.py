@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sapopt import SAP, Evaluation, Result, Status
+from sapopt import SAP, Evaluation, Result, Status, solve
+from sapopt.solvers import HAA
 
 EVALUATION = Evaluation(1.75, np.array([1.0, 1.25]), np.array([0.0, -0.5]), 3)
 FULL = Result(
@@ -22,7 +24,9 @@ FULL = Result(
     trace=[{"step": 0, "value": 1.0, "note": "a"}, {"step": 1, "value": float("inf"), "note": None}],
     seed=7,
     prices=np.array([[0.0, 0.5, 0.0], [0.25, 0.0, 0.0]]),
+    problem=SAP(np.ones((2, 2, 3))),
 )
+WRITTEN = [field.name for field in dataclasses.fields(Result) if field.name != "problem"]
 
 
 def same(a: Any, b: Any) -> bool:
@@ -49,14 +53,43 @@ def test_the_full_result_has_no_default() -> None:
 
 @pytest.mark.parametrize("missing", ["nothing", "bound", "prices", "trace"])
 def test_round_trip(tmp_path: Path, missing: str) -> None:
-    """Every field comes back with its type."""
+    """Every field comes back with its type, but for the problem, which has files of its own."""
     result = FULL
     if missing != "nothing":
         result = dataclasses.replace(FULL, **{missing: [] if missing == "trace" else None})
     result.save(tmp_path / "r.npz")
     again = Result.load(tmp_path / "r.npz")
-    for field in dataclasses.fields(Result):
-        assert same(getattr(again, field.name), getattr(result, field.name)), field.name
+    for name in WRITTEN:
+        assert same(getattr(again, name), getattr(result, name)), name
+    assert again.problem is None
+
+
+def test_pickles_leave_the_problem_behind() -> None:
+    """A result that crosses processes is small; everything else arrives."""
+    again = pickle.loads(pickle.dumps(FULL))
+    assert again.problem is None
+    assert FULL.problem is not None
+    for name in WRITTEN:
+        assert same(getattr(again, name), getattr(FULL, name)), name
+
+
+def test_report_in_one_call(tmp_path: Path) -> None:
+    """A fresh result writes its page; one from a file asks for its problem, and refuses another one."""
+    problem = SAP(np.random.default_rng(0).random((4, 2, 3)), 0.2)
+    result = solve(problem, HAA())
+    assert result.problem is problem
+    page = result.report(tmp_path / "r.html", title="two nurses")
+    assert "<title>two nurses" in page.read_text("utf-8")
+    with pytest.raises(ValueError, match="exists already"):
+        result.report(page)
+    result.save(tmp_path / "r.npz")
+    again = Result.load(tmp_path / "r.npz")
+    with pytest.raises(ValueError, match="does not hold its problem"):
+        again.report(tmp_path / "again.html")
+    with pytest.raises(ValueError, match="pass the problem that was solved"):
+        again.report(tmp_path / "again.html", SAP(np.ones((4, 2, 3))))
+    again.report(tmp_path / "again.html", problem, title="two nurses")
+    assert (tmp_path / "again.html").read_bytes() == page.read_bytes()
 
 
 @pytest.mark.parametrize("status", Status)
