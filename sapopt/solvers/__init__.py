@@ -14,6 +14,7 @@ from sapopt.solvers.policy import (
     myopic,
     power_constrained,
 )
+from sapopt.solvers.rollout_policy import RolloutPolicy
 
 if TYPE_CHECKING:
     from sapopt.solvers.dual_decomposition import DualDecomposition
@@ -35,6 +36,7 @@ __all__ = [
     "Greedy",
     "IteratedAssignment",
     "NoHandover",
+    "RolloutPolicy",
     "energy_price",
     "myopic",
     "power_constrained",

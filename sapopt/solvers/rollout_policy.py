@@ -1,0 +1,118 @@
+"""Rollouts of a policy: try several first assignments, play each on by one policy, execute the best.
+
+So any policy gets a look ahead that it did not have, and any policy with a look ahead (HAAL, the dual lookahead) a
+future after its window: the one that the base policy would make of the state that it leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sapopt.feasibility import InfeasibleError
+from sapopt.outlook import Outlook, Policy
+from sapopt.problem import SAP
+from sapopt.solvers.base import check_lookahead
+from sapopt.types import IntArray
+
+
+@dataclass(frozen=True)
+class RolloutPolicy:
+    """At every step: ask all policies, play each answer on by `base`, execute the answer that earned most.
+
+    Parameters
+    ----------
+    base : Policy
+        Plays on; its own answer is among those tried. In a rollout it begins without a memory of earlier steps.
+    candidates : sequence of Policy
+        Who else is asked, for example ``HAAL(3)`` or ``DualLookahead(3)``.
+    steps : int, optional
+        How many steps are played on; all that are known if omitted. A rollout costs as many steps of `base`, once
+        for every distinct answer.
+
+    Notes
+    -----
+    If the benefits are known, `base` is deterministic and decides from the outlook alone, and rollouts go to the end,
+    the plan is worth at least that of `base`: what the last rollout promised is tried again at every step (Bertsekas,
+    *Rollout, Policy Iteration, and Distributed Reinforcement Learning*, 2020, section 2.3). Short rollouts promise
+    nothing.
+
+    Examples
+    --------
+    >>> from sapopt import solve
+    >>> from sapopt.domains.instances import instance
+    >>> from sapopt.solvers import HAAL, AssignmentPolicy, RolloutPolicy, energy_price
+    >>> problem = instance("power", seed=1, steps=5)
+    >>> base = AssignmentPolicy(energy_price)
+    >>> bool(solve(problem, RolloutPolicy(base, [HAAL(3)])).value >= solve(problem, base).value)
+    True
+    """
+
+    base: Policy
+    candidates: Sequence[Policy] = ()
+    steps: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "candidates", tuple(self.candidates))
+        for policy in (self.base, *self.candidates):
+            if not isinstance(policy, Policy):
+                raise ValueError(
+                    f"RolloutPolicy is made of policies, which decide step by step, not {policy!r}"
+                )
+        if self.steps is not None:
+            check_lookahead(self.steps, "steps")
+
+    @property
+    def name(self) -> str:
+        """Name with options."""
+        asked = "".join(f", {policy.name}" for policy in self.candidates)
+        far = "" if self.steps is None else f", steps={self.steps}"
+        return f"RolloutPolicy({self.base.name}{asked}{far})"
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> list[Any]:
+        """The memories of all policies."""
+        return [policy.begin(problem, rng) for policy in (self.base, *self.candidates)]
+
+    def act(self, outlook: Outlook, memory: list[Any]) -> tuple[IntArray, list[Any]]:
+        """The answer whose rollout earns most; the first among equals, the base policy's before all."""
+        answers: list[IntArray] = []
+        after = []
+        for policy, remembered in zip((self.base, *self.candidates), memory, strict=True):
+            tasks, remembered = policy.act(outlook, remembered)
+            after.append(remembered)
+            if not any(np.array_equal(tasks, other) for other in answers):
+                answers.append(tasks)
+        if len(answers) == 1:
+            return answers[0], after
+        return answers[int(np.argmax([self._worth(outlook, tasks) for tasks in answers]))], after
+
+    def _worth(self, outlook: Outlook, tasks: IntArray) -> float:
+        """Value of an assignment and of what the base policy makes of the steps after it; -inf at a dead end."""
+        problem = outlook.problem
+        stop = outlook.end if self.steps is None else min(outlook.k + 1 + self.steps, outlook.end)
+        memory = self.base.begin(problem, np.random.default_rng(0))
+        total = 0.0
+        while True:
+            outlook.check()
+            total += _value(outlook, tasks)
+            k = outlook.k + 1
+            if k >= stop or total == -np.inf:
+                return total
+            outlook = replace(outlook, k=k, state=problem.transition(k - 1, outlook.state, tasks))
+            try:
+                tasks, memory = self.base.act(outlook, memory)
+            except InfeasibleError:
+                return -np.inf
+
+
+def _value(outlook: Outlook, tasks: IntArray) -> float:
+    """What an assignment earns at the outlook's step, by the benefits known or forecast."""
+    held = outlook.benefits(1).at(tasks[None])[0]
+    quick = getattr(outlook.model, "handover_at", None)
+    if quick is not None:
+        return float((held + quick(outlook.k, outlook.state, tasks)).sum())
+    handover = outlook.problem.handover(outlook.k, outlook.state)
+    return float((held + handover[np.arange(len(tasks)), tasks]).sum())
