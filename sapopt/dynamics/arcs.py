@@ -8,7 +8,8 @@ Agents that are alike (same benefits, same rule) share one graph and differ only
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -57,6 +58,25 @@ class ArcGraph:
         """Arrays in the order of the kernels."""
         return self.first, self.head, self.task, self.gain
 
+    @property
+    def listed_cells(self) -> tuple[IntArray, IntArray]:
+        """Steps and tasks of `listed`, for agents that share a graph."""
+        own = self.listed[self.listed_ptr[0] : self.listed_ptr[-1]]
+        return np.repeat(np.arange(self.shape[0]), np.diff(self.listed_ptr)), own
+
+    def after(self, assignment: IntArray) -> ArcGraph:
+        """The graph of the later steps, once the agents held `assignment` (n,) at the first; it shares all arrays."""
+        T, n, m = self.shape
+        tasks = np.ascontiguousarray(assignment, dtype=np.int64)
+        source = kernels.moved(self.arcs, self.source, tasks, self.rows, self.listed_ptr, self.listed)
+        lost = np.flatnonzero(source < 0)
+        if len(lost):
+            raise ValueError(f"assignment: agent {lost[0]} may not take task {tasks[lost[0]]}")
+        return replace(
+            self, shape=(T - 1, n, m), node_ptr=self.node_ptr[self.rows :], source=source,
+            listed_ptr=self.listed_ptr[self.rows :],
+        )  # fmt: skip
+
 
 class ArcPaths:
     """Path oracle of an `ArcGraph`: hard, soft and first values (see `sapopt.dynamics.local`).
@@ -70,18 +90,18 @@ class ArcPaths:
         _, n, m = graph.shape
         self._own = np.arange(m - n, m)
         self._row_own = self._own if graph.rows == n else np.full(graph.rows, -1)
-        listed_gains = graph.gain[graph.task >= 0]
-        self._scale = float(np.sqrt(np.mean(listed_gains**2))) if listed_gains.size else 1.0
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(T, n, m) of the window."""
         return self.graph.shape
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Typical gain of a move: root mean square."""
-        return self._scale or 1.0
+        first_arc = self.graph.first[self.graph.node_ptr[0]]
+        gains = self.graph.gain[first_arc:][self.graph.task[first_arc:] >= 0]
+        return (float(np.sqrt(np.mean(gains**2))) if gains.size else 0.0) or 1.0
 
     @property
     def coldest(self) -> float:
@@ -127,10 +147,14 @@ class ArcPaths:
         else:
             # Which agent idles is not known here; all the cheapest tasks are as good, so all take their share.
             free = np.ones((T, m), dtype=bool)
-            free[np.repeat(np.arange(T), np.diff(g.listed_ptr)), g.listed] = False
+            free[g.listed_cells] = False
             cheapest = free & (p == idle_price)
             usage += cheapest * (idling / np.maximum(cheapest.sum(axis=1, keepdims=True), 1))
         return values, usage
+
+    def after(self, assignment: IntArray) -> ArcPaths:
+        """Paths of the later steps, once the agents held `assignment` (n,) at the first; nothing is built anew."""
+        return ArcPaths(self.graph.after(assignment))
 
     def place(self, order: IntArray, closed: FloatArray, prices: FloatArray, plan: IntArray) -> None:
         """Let the agents of `order` move one by one: each gives up its cells and takes its best open path.
@@ -172,7 +196,7 @@ class ArcPaths:
         else:
             own = self._own[agents]
             is_free = np.ones(p.shape, dtype=bool)
-            is_free[np.repeat(np.arange(T), np.diff(g.listed_ptr)), g.listed] = False
+            is_free[g.listed_cells] = False
             idle = np.where((p[:, own] == idle_price) & is_free[:, own], own, idle_task)
         return value[source], np.where(plan == -1, idle, np.maximum(plan, 0))
 

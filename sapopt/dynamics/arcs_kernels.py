@@ -88,6 +88,20 @@ def follow(arcs, source, choice, steps):
 
 
 @njit(cache=True, nogil=True)
+def moved(arcs, source, tasks, rows, listed_ptr, listed):
+    """Return the nodes (agents,) that the tasks lead to from the sources, -1 where an agent may not take its task."""
+    first, head, task, _ = arcs
+    out = np.full(len(source), -1, dtype=np.int64)
+    for i in range(len(source)):
+        r = i if rows > 1 else 0
+        wanted = tasks[i] if _is_listed(listed, listed_ptr[r], listed_ptr[r + 1], tasks[i]) else -1
+        for a in range(first[source[i]], first[source[i] + 1]):
+            if task[a] == wanted:
+                out[i] = head[a]
+    return out
+
+
+@njit(cache=True, nogil=True)
 def soft(arcs, node_ptr, rows, source, prices, idle_price, temperature):
     """Return soft values of the sources, expected usage (T, m) of the listed tasks, and idling (T, rows)."""
     first, head, task, gain = arcs

@@ -93,6 +93,14 @@ class PlacingOracle(PathOracle, Protocol):
 
 
 @runtime_checkable
+class SteppingOracle(PathOracle, Protocol):
+    """An oracle that can go on by a step: what a rolling plan asks for at every step, made only once."""
+
+    def after(self, assignment: IntArray) -> PathOracle:
+        """Paths of the later steps, once the agents held `assignment` (n,) at the first one."""
+
+
+@runtime_checkable
 class LocalModel(Protocol):
     """A finite state per agent, numbered 0..S-1 (the same number S for all agents).
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from rule_problems import MAKERS, Learning, committing, learning, riding, slewin
 
 from sapopt import SAP, bound, solve
 from sapopt.dynamics import AgentLocal
-from sapopt.dynamics.local import FirstValueOracle, LocalModel, LocalOracle, SoftPathOracle
+from sapopt.dynamics.local import FirstValueOracle, LocalModel, LocalOracle, SoftPathOracle, SteppingOracle
 from sapopt.outlook import WindowSums
 from sapopt.solvers import HAA, HAAL, DualLookahead, Exact, Greedy, NoHandover
 
@@ -102,6 +103,42 @@ def test_placing_is_one_best_path_after_the_other(make: Make) -> None:
             still[steps, expected[:, i]] = np.inf
         np.testing.assert_array_equal(closed, still)
         problem.check_plan(plan)
+
+
+@makers
+def test_after_a_step_the_paths_are_those_of_the_rest(make: Make) -> None:
+    """Going on by a step and starting anew from the state that follows are the same, to the end of the horizon."""
+    for seed in range(4):
+        problem = make(seed)
+        state, plan = problem.initial_state(), solve(problem, HAA()).plan
+        onward = problem.model.path_oracle(problem.benefits, state)
+        assert isinstance(onward, SteppingOracle)
+        for k in range(problem.T - 1):
+            onward = onward.after(plan[k])
+            state = problem.transition(k, state, plan[k])
+            anew = problem.model.path_oracle(problem.benefits.slice(k + 1, problem.T), state)
+            assert onward.shape == anew.shape
+            prices = 0.1 + random_prices(problem, seed)[k + 1 :]
+            for mine, its in zip(onward.best_paths(prices), anew.best_paths(prices), strict=True):
+                np.testing.assert_allclose(mine, its)
+            np.testing.assert_allclose(onward.first_values(prices), anew.first_values(prices))
+            for mine, its in zip(onward.soft_paths(prices, 0.3), anew.soft_paths(prices, 0.3), strict=True):
+                np.testing.assert_allclose(mine, its)
+
+
+def test_a_forbidden_step_is_refused() -> None:
+    """Going on by a task that the rule forbids."""
+
+    class Stubborn(Learning):
+        def rule(self, k: int, agent: Any, local: Any, task: Any, benefit: Any) -> Any:
+            eta, after = super().rule(k, agent, local, task, benefit)
+            return np.where((benefit > 0) & (task == 1), -np.inf, eta), after
+
+    problem = SAP(np.ones((2, 1, 3)), Stubborn(0.3))
+    oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    assert oracle.after(np.array([0])).shape == (1, 1, 3)
+    with pytest.raises(ValueError, match="agent 0 may not take task 1"):
+        oracle.after(np.array([1]))
 
 
 @makers

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.dynamics.local import PathOracle, PlacingOracle, path_oracle
+from sapopt.dynamics.local import PathOracle, PlacingOracle, SteppingOracle, path_oracle
 from sapopt.outlook import Outlook, WindowSums
 from sapopt.problem import SAP
 from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
@@ -47,14 +47,18 @@ def rolling_plan(
     order = np.arange(problem.m)
     plan = np.zeros((problem.T, problem.n), np.int64)
     state = problem.initial_state()
+    oracle: PathOracle | None = None
     for k in range(problem.T):
+        rest = problem.benefits.slice(k, problem.T)
+        if isinstance(oracle, SteppingOracle):
+            oracle = oracle.after(plan[k - 1])
+        else:
+            oracle = path_oracle(problem.model, rest, state)
+        if not values_first_tasks(oracle):
+            return None
         if reprice is not None and k > 0 and k % block == 0:
             prices = prices.copy()
             prices[k:] = reprice(k, state, prices[k:])
-        rest = problem.benefits.slice(k, problem.T)
-        oracle = path_oracle(problem.model, rest, state)
-        if not values_first_tasks(oracle):
-            return None
         outlook = Outlook(k, problem.T, state, problem, WindowSums(rest, first=k), order)
         plan[k] = assign_first(outlook, oracle, prices[k:])
         state = problem.transition(k, state, plan[k])
