@@ -99,8 +99,8 @@ def _improve_window(
 ) -> Ints:
     rng = np.random.default_rng(seed)
     everyone = np.arange(arrays.agents)
-    parking = _parking(arrays, plan, first, last, effort.parking, rng)
-    scale = _scale(arrays, first, last)
+    parking = parking_tasks(arrays, plan, first, last, effort.parking, rng)
+    scale = typical_benefit(arrays, first, last)
     network = restricted_network(arrays, plan, prices, everyone, first, last, _GROUP_REGRET * scale, parking)
     arcs = len(network.tail)
     if arcs <= 2 * effort.arcs:
@@ -120,7 +120,7 @@ def _improve_window(
     return plan
 
 
-def _scale(arrays: Arrays, first: int, last: int) -> float:
+def typical_benefit(arrays: Arrays, first: int, last: int) -> float:
     """Return the typical benefit of the window, the unit of regrets."""
     data = arrays.data[arrays.indptr[first * arrays.agents] : arrays.indptr[last * arrays.agents]]
     data = data[np.isfinite(data)]
@@ -128,7 +128,9 @@ def _scale(arrays: Arrays, first: int, last: int) -> float:
     return typical if typical > 0.0 else 1.0
 
 
-def _parking(arrays: Arrays, plan: Ints, first: int, last: int, count: int, rng: np.random.Generator) -> Ints:
+def parking_tasks(
+    arrays: Arrays, plan: Ints, first: int, last: int, count: int, rng: np.random.Generator
+) -> Ints:
     """Draw tasks for every agent to wait on, (n, count): spare ones if there are any."""
     if arrays.tasks <= _SMALL_PROBLEM:
         return np.tile(np.arange(arrays.tasks), (arrays.agents, 1))

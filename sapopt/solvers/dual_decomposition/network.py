@@ -25,6 +25,10 @@ def _candidates(kernel, i, plan, prices, first, last, parking, local, tasks):  #
     """
     indptr, indices, n = kernel[0], kernel[1], kernel[3]
     count = 0
+    if first > 0:
+        j = plan[first - 1, i]
+        local[j], tasks[count] = count, j
+        count += 1
     for k in range(first, last):
         j = plan[k, i]
         if local[j] < 0:
@@ -102,15 +106,16 @@ def _grown(array):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def near_optimal(kernel, agents, plan, prices, initial, first, last, regret, parking, limit):  # type: ignore[no-untyped-def]
+def near_optimal(kernel, agents, plan, prices, initial, first, last, until, regret, parking, limit):  # type: ignore[no-untyped-def]
     """Return the cells and arcs of regret at most ``regret`` and those of ``plan``.
 
     Cells are listed agent by agent and step by step: (agent, step, task); arcs: (tail, head, value), where a tail of -1
     is the start of an agent's path. ``parking`` (len(agents), r) lists tasks that an agent may use without seeing them.
-    A price of +inf closes a cell. The lists end early once there are more than ``limit`` arcs.
+    A price of +inf closes a cell. The lists end early once there are more than ``limit`` arcs. The paths whose values
+    count end at ``until`` >= ``last``: where the plan is met again, or at the end of the horizon.
     """
     steps, m = prices.shape
-    length = last - first
+    length = until - first
     forward, backward, benefit = np.zeros((length, m)), np.zeros((length, m)), np.zeros((length, m))
     local, tasks = -np.ones(m, np.int64), np.zeros(m, np.int64)
     c_agent, c_step, c_task = np.empty(1024, np.int64), np.empty(1024, np.int64), np.empty(1024, np.int64)
@@ -121,10 +126,10 @@ def near_optimal(kernel, agents, plan, prices, initial, first, last, regret, par
             break
         i = agents[order]
         before = initial[i] if first == 0 else plan[first - 1, i]
-        after = plan[last, i] if last < steps else -1
-        count = _candidates(kernel, i, plan, prices, first, last, parking[order], local, tasks)
+        after = plan[until, i] if until < steps else -1
+        count = _candidates(kernel, i, plan, prices, first, until, parking[order], local, tasks)
         own = tasks[:count]
-        marginals(kernel, i, prices, first, last, before, after, local, own, benefit, forward, backward)
+        marginals(kernel, i, prices, first, until, before, after, local, own, benefit, forward, backward)
         best = -np.inf
         for c in range(count):
             best = max(best, forward[0, c] + backward[0, c])
@@ -192,6 +197,7 @@ def restricted_network(
     regret: float,
     parking: Ints,
     limit: int = 2**62,
+    until: int | None = None,
 ) -> Network:
     """Return the network of the cells of small regret for ``agents`` in the window; the other agents keep their cells.
 
@@ -207,15 +213,28 @@ def restricted_network(
         Tasks that an agent may use although it neither sees nor holds them.
     limit : int
         The network is left incomplete once it has more arcs than this.
+    until : int
+        Step at which the agents are back on the plan: the window's end, unless told otherwise. What follows the window
+        until then is worth its priced best path, to which the prices alone keep the capacities.
     """
     if len(agents) < arrays.agents:
         prices = prices.copy()
         others = np.setdiff1d(np.arange(arrays.agents), agents)
-        window = np.arange(first, last)
-        prices[window[:, None], plan[first:last, others]] = np.inf
+        window = np.arange(first, last if until is None else until)
+        prices[window[:, None], plan[window[:, None], others]] = np.inf
     return Network(
         *near_optimal(
-            arrays.kernel, agents, plan, prices, arrays.initial, first, last, regret, parking, limit
+            arrays.kernel,
+            agents,
+            plan,
+            prices,
+            arrays.initial,
+            first,
+            last,
+            last if until is None else until,
+            regret,
+            parking,
+            limit,
         )
     )
 
@@ -227,7 +246,6 @@ def solve_network(
     *,
     gap: float = 1e-6,
     seconds: float = np.inf,
-    relax: bool = False,
 ) -> Ints | None:
     """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none."""
     import highspy
@@ -268,8 +286,7 @@ def solve_network(
     model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
     model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
     model.a_matrix_.value_ = matrix.data
-    if not relax:
-        model.integrality_ = [highspy.HighsVarType.kInteger] * arcs
+    model.integrality_ = [highspy.HighsVarType.kInteger] * arcs
     highs = highspy.Highs()
     highs.setOptionValue("output_flag", False)
     highs.setOptionValue("threads", 1)
@@ -277,18 +294,15 @@ def solve_network(
     if np.isfinite(seconds):
         highs.setOptionValue("time_limit", float(seconds))
     highs.passModel(model)
-    if not relax:
-        incumbent = highspy.HighsSolution()
-        held = plan[network.step, network.agent] == network.task
-        chosen = held[network.head] & (starts | held[np.maximum(network.tail, 0)])
-        incumbent.col_value = chosen.astype(float)
-        highs.setSolution(incumbent)
+    incumbent = highspy.HighsSolution()
+    held = plan[network.step, network.agent] == network.task
+    chosen = held[network.head] & (starts | held[np.maximum(network.tail, 0)])
+    incumbent.col_value = chosen.astype(float)
+    highs.setSolution(incumbent)
     highs.run()
     solution = np.array(highs.getSolution().col_value)
     if len(solution) != arcs:
         return None
-    if relax:
-        return solution
     on = network.head[solution > 0.5]
     if len(on) != len(np.unique(network.step)) * len(order):
         return None

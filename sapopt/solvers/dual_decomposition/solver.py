@@ -23,6 +23,7 @@ from sapopt.solvers.dual_decomposition import paths
 from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
 from sapopt.solvers.dual_decomposition.neighbourhoods import Effort, improved
 from sapopt.solvers.dual_decomposition.rolling import rolling_plan
+from sapopt.solvers.dual_decomposition.rolling_windows import rolling_windows
 from sapopt.solvers.dual_decomposition.sweeps import sweep
 from sapopt.solvers.dual_decomposition.windowed import windowed_plan
 from sapopt.solvers.haal import HAA
@@ -50,6 +51,15 @@ _REPRICING_SHARE = 0.5
 
 _FEWEST_REPRICINGS = 10
 """Dual iterations below which a repricing does more harm than good."""
+
+_WIDE_GAP = 0.01
+"""Gap of the plans so far above which rolling windows, which take longer, are worth their time."""
+
+_WINDOWS_SHARE = 0.6
+"""Share of the time left that rolling windows may take."""
+
+_WINDOW_REPRICINGS = 20
+"""Dual iterations before each of the rolling windows."""
 
 _LARGE = 4_000_000
 """Pairs of agents and tasks above which plans are built from sparse values of windows."""
@@ -293,6 +303,20 @@ class _Search:
                 self.offer(plan, "repriced assignment")
                 yield
         yield from self.sweeps()
+        if self.arrays is not None and self.gap > _WIDE_GAP:
+            plan = self.windows_ahead(self.arrays)
+            if plan is not None:
+                self.offer(plan, "rolling windows")
+                yield
+
+    def windows_ahead(self, arrays: Arrays) -> Ints | None:
+        """Return the plan of the rolling windows, None if the run ended first."""
+        assert self.prices is not None
+        self.repricings = _WINDOW_REPRICINGS
+        return rolling_windows(
+            arrays, self.best, self.prices, self.run.rng,
+            reprice=self.reprice, seconds=_WINDOWS_SHARE * self.seconds_left(), stop=lambda: self.run.stopped,
+        )  # fmt: skip
 
     @cached_property
     def is_large(self) -> bool:

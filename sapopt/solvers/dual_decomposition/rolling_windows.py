@@ -1,0 +1,120 @@
+"""Rolling windows with priced futures: several steps planned together and exactly, of which the first are kept.
+
+Where moves are dear, the tasks that agents hold without serving them get in the way of others for many steps, and an
+assignment of one step (`rolling`) cannot see that. Here the network of a window (`network`) ends in the values of the
+agents' best priced paths to the end of the horizon; this is the relax-and-fix heuristic of lot sizing (Pochet and
+Wolsey 2006, section 3.6) with prices in place of the relaxed variables.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
+from sapopt.solvers.dual_decomposition.neighbourhoods import parking_tasks, typical_benefit
+from sapopt.solvers.dual_decomposition.network import Network, restricted_network, solve_network
+
+_REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25)
+"""Ladder of regrets, in typical benefits: far larger than in `neighbourhoods`, since agents here leave their paths."""
+
+_KEPT = 3
+"""Steps of a window that are kept."""
+
+_LONGEST = 10
+"""Steps of a window, at most."""
+
+_USUAL = 6
+"""Steps of the first window where time is short."""
+
+_ARCS = 60_000
+"""Size of a window's network."""
+
+_PARKING = 3
+"""Random tasks that each agent may use without seeing them."""
+
+_GAP = 1e-4
+"""Relative gap at which a window counts as solved; its value includes the future's."""
+
+_PATIENCE = 4.0
+"""A window is given up after so many times the seconds it should take."""
+
+
+@dataclass
+class _Pace:
+    """How long the windows may be, from how long the last one took."""
+
+    length: int
+
+    def learn(self, took: float, allowed: float) -> None:
+        if took > allowed:
+            self.length = max(_KEPT + 1, self.length - (2 if took > 2.0 * allowed else 1))
+        elif took < 0.5 * allowed:
+            self.length = min(_LONGEST, self.length + 1)
+
+
+def rolling_windows(
+    arrays: Arrays,
+    plan: Ints,
+    prices: Floats,
+    rng: np.random.Generator,
+    *,
+    reprice: Callable[[int, Ints, Floats], Floats] | None = None,
+    seconds: float = math.inf,
+    stop: Callable[[], object] = lambda: False,
+) -> Ints | None:
+    """Return the plan of the rolling windows, or None when ``stop()`` came true or the time did not do.
+
+    Parameters
+    ----------
+    plan : (T, n)
+        Any plan: what the agents do where nothing better is found.
+    prices : (T, m)
+        Prices of the cells.
+    reprice : callable, optional
+        As in `rolling.rolling_plan`, before every window but the first.
+    seconds : float
+        Time for everything; the windows get shorter as it demands. The result depends on it, and otherwise on ``rng``.
+    """
+    steps = arrays.steps
+    end = time.monotonic() + seconds
+    pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL)
+    for first in range(0, steps, _KEPT):
+        if first > 0 and reprice is not None:
+            prices = prices.copy()
+            prices[first:] = reprice(first, plan[first - 1], prices[first:])
+        began = time.monotonic()
+        left = end - began
+        if stop() or left <= 0.0:
+            return None
+        allowed = left * _KEPT / (steps - first)
+        last = min(first + pace.length, steps)
+        network = _network(arrays, plan, prices, first, last, rng)
+        limit = min(left, _PATIENCE * allowed)
+        found = solve_network(network, plan, arrays.tasks, gap=_GAP, seconds=limit)
+        plan = plan if found is None else found
+        if math.isfinite(seconds):
+            pace.learn(time.monotonic() - began, allowed)
+        if last == steps:
+            return plan
+    return plan
+
+
+def _network(
+    arrays: Arrays, plan: Ints, prices: Floats, first: int, last: int, rng: np.random.Generator
+) -> Network:
+    """The network of all agents in a window with the largest regret that fits, or else the smallest."""
+    everyone = np.arange(arrays.agents)
+    parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
+    scale = typical_benefit(arrays, 0, arrays.steps)
+    for regret in _REGRETS:
+        network = restricted_network(
+            arrays, plan, prices, everyone, first, last, regret * scale, parking, _ARCS, arrays.steps
+        )
+        if len(network.tail) <= _ARCS:
+            break
+    return network
