@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from sapopt.guarantees import Guarantee, guarantee
-from sapopt.problem import SAP
+from sapopt.problem import SAP, is_own
 from sapopt.result import read_npz, write_npz
 from sapopt.types import FloatArray, IntArray
-from sapopt.verification import plain_bound, plain_value
+from sapopt.verification import check_local_model, plain_bound, plain_value
 
 _FORMAT = "sapopt-certificate-1"
 _SLACK = 1e-9  # relative; two machines may round a sum differently, no more
@@ -157,16 +157,20 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
     Raises
     ------
     CertificateError
-        If the plan is not feasible, or the prices prove nothing.
+        If the plan is not feasible, the prices prove nothing, or the dynamics is user-defined and has no
+        ``fingerprint``.
     """
     try:
         value = plain_value(problem, plan)
         bound = plain_bound(problem, prices)
+        if is_own(problem.dynamics) and hasattr(problem.model, "local_model"):
+            check_local_model(problem, np.asarray(plan))
+        fingerprint = problem.fingerprint
     except ValueError as error:
         raise CertificateError(str(error)) from None
     plan = np.asarray(plan).astype(np.int64)
     mu = np.asarray(prices, dtype=np.float64)
-    return Certificate(value, bound, plan, mu, problem.fingerprint, guarantee(problem), solver)
+    return Certificate(value, bound, plan, mu, fingerprint, guarantee(problem), solver)
 
 
 def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:

@@ -209,9 +209,17 @@ class SAP:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of everything that decides the value of a plan; equal for dense and sparse forms of one problem."""
+        """SHA-256 of everything that decides the value of a plan; equal for dense and sparse forms of one problem.
+
+        A user-defined dynamics tells what decides it by a method ``fingerprint()``: `sapopt.dynamics.base.Dynamics`.
+
+        Raises
+        ------
+        ValueError
+            If the dynamics is user-defined and does not tell.
+        """
         digest = hashlib.sha256(_FORMAT.encode())
-        meta, arrays = _described(self.dynamics)
+        meta, arrays = _told(self.dynamics) if is_own(self.dynamics) else _described(self.dynamics)
         digest.update(repr((self.T, self.n, self.m, sorted(meta.items()))).encode())
         flat = self.benefits.flat()
         for array in (flat.indptr, flat.indices, flat.data, self.initial_assignment, *arrays.values()):
@@ -298,10 +306,43 @@ def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, .
     return out
 
 
+def is_own(dynamics: Any) -> bool:
+    """Whether the dynamics is a user's, not one of sapopt."""
+    return getattr(dynamics_models, type(dynamics).__name__, None) is not type(dynamics)
+
+
+def _told(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a user's dynamics tells of itself by ``fingerprint()``, with its class name."""
+    name = type(dynamics).__name__
+    tell = getattr(dynamics, "fingerprint", None)
+    if not callable(tell):
+        raise ValueError(
+            f"dynamics: {name} is user-defined and has no fingerprint; give it a method fingerprint() that returns "
+            "everything that decides its values, such as ['version 1', self.loss]"
+        )
+    told = tell()
+    parts = [told] if isinstance(told, (str, numbers.Real, np.ndarray)) else told
+    meta: dict[str, Any] = {"own dynamics": name}
+    arrays: dict[str, Any] = {}
+    if not isinstance(parts, (list, tuple)) or not parts:
+        raise ValueError(f"dynamics: {name}.fingerprint() must return a text or a list, got {told!r}")
+    for place, part in enumerate(parts):
+        if isinstance(part, np.ndarray) and part.dtype.kind in "biuf":
+            meta[f"part {place}"] = (part.shape, part.dtype.str)
+            arrays[f"part {place}"] = part
+        elif isinstance(part, (str, bool, numbers.Real)):
+            meta[f"part {place}"] = part if isinstance(part, (str, bool)) else float(part)
+        else:
+            raise ValueError(
+                f"dynamics: {name}.fingerprint() may hold text, numbers and arrays of numbers, got {part!r}"
+            )
+    return meta, arrays
+
+
 def _described(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """A built-in dynamics as plain values and arrays; private state (the bound benefits) is left out."""
     name = type(dynamics).__name__
-    if getattr(dynamics_models, name, None) is not type(dynamics):
+    if is_own(dynamics):
         raise ValueError(
             f"dynamics: {name} is user-defined; only problems with dynamics of sapopt can be written"
         )

@@ -55,7 +55,7 @@ def plain_value(problem: SAP, plan: Any) -> float:
     for k in range(problem.T):
         _check_step(tasks, k)
         benefit = dense_step(problem.benefits.step(k))[agents, tasks[k]]
-        if isinstance(problem.dynamics, SwitchingCost):
+        if type(problem.dynamics) is SwitchingCost:
             eta = -_charges(problem.dynamics, state, tasks[k], benefit)
         else:
             eta = problem.handover(k, state)[agents, tasks[k]]
@@ -106,7 +106,7 @@ def plain_bound(problem: SAP, prices: Any) -> float:
         raise ValueError(f"prices must have shape (T, m) = {(problem.T, problem.m)}, got {mu.shape}")
     if not np.isfinite(mu).all() or (mu < 0).any():
         raise ValueError("prices must be finite and not negative")
-    if isinstance(problem.dynamics, SwitchingCost):
+    if type(problem.dynamics) is SwitchingCost:
         values = np.concatenate([_best_paths(problem, mu, block) for block in _blocks(problem)])
         charge = float(np.max(problem.dynamics.cost))
     elif type(problem.dynamics) is Battery:
@@ -142,6 +142,34 @@ def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:
         )
     values, _ = oracle.best_paths(mu)
     return values, float(np.abs(values).max(initial=0.0))
+
+
+def check_local_model(problem: SAP, plan: IntArray) -> None:
+    """Check that declared local states give the steps of a plan the handovers that the handover matrices give them.
+
+    A bound follows from the former, a value from the latter; where a user wrote both, they could disagree.
+
+    Raises
+    ------
+    ValueError
+        If they do.
+    """
+    state, agents = problem.initial_state(), np.arange(problem.n)
+    model = problem.model.local_model(problem.benefits, state)
+    local = [model.start(i) for i in agents]
+    for k in range(problem.T):
+        benefit = dense_step(problem.benefits.step(k))
+        eta = problem.handover(k, state)
+        for i in agents:
+            successor, handover = model.step(k, int(i), benefit[i])
+            told, true = float(handover[local[i], plan[k, i]]), float(eta[i, plan[k, i]])
+            if not math.isclose(told, true, rel_tol=1e-9, abs_tol=1e-12):
+                raise ValueError(
+                    f"dynamics: {type(problem.dynamics).__name__} contradicts itself: for agent {i} on task "
+                    f"{plan[k, i]} at step {k} its local_model has a handover of {told:g}, its handover matrix {true:g}"
+                )
+            local[i] = int(successor[local[i], plan[k, i]])
+        state = problem.transition(k, state, np.asarray(plan[k], dtype=np.int64))
 
 
 def _blocks(problem: SAP) -> Iterator[IntArray]:

@@ -25,6 +25,8 @@ class Dynamics(Protocol):
     - ``handover_limit``: the largest entry the handover matrix can have (0.0 for costs); without it, or a
       ``path_oracle``, nothing can be proven about the optimum.
     - ``key(state)``: a hashable fingerprint, so that equal states are solved once.
+    - ``fingerprint()``: a text, or a list of texts, numbers and arrays, with everything that decides its values (a
+      version of its code among them), so that a certificate can tell the problem from any other.
     - ``bind(benefits)``: a copy that knows the benefits, for a handover that depends on them.
     - ``interaction(k, assignments)``: terms of a step that depend on the whole assignment and that no matrix can hold
       (`sapopt.dynamics.interference.Interacting`); ``handover_at`` must then contain them.
