@@ -1,8 +1,10 @@
 """Figure 6.4 (Holder 2024, section 6.4): conflicts, charge and task duration of every policy on the power environment.
 
-    python experiments/fig_6_4.py [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--quick] [--out DIR]
+    python experiments/fig_6_4.py [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
 
 REDA's weights are those that ship; the others are drawn if their weights are given (`fig_6_3.py` leaves them).
+`--rollouts` adds rollouts of REDA, about a minute an episode: what HAAL or the energy price would do now, played on by
+REDA to the end.
 """
 
 from __future__ import annotations
@@ -17,7 +19,15 @@ from learned import by_generator, by_ippo, by_iql, by_policy, network_of
 
 from sapopt.domains.instances import instance
 from sapopt.learning import REDA
-from sapopt.solvers import DualLookahead, energy_price, myopic, power_constrained
+from sapopt.solvers import (
+    HAAL,
+    AssignmentPolicy,
+    DualLookahead,
+    RolloutPolicy,
+    energy_price,
+    myopic,
+    power_constrained,
+)
 from sapopt.solvers.charge_value import ChargeValue
 
 FIRST = 2_000_000
@@ -28,6 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of this script."""
     parser.add_argument("--iql", help="weights of IQL")
     parser.add_argument("--ippo", help="weights of IPPO")
+    parser.add_argument("--rollouts", action="store_true")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -43,6 +54,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         players["IQL's network, alpha"] = by_generator(REDA(network_of(run.options.iql)))
     if run.options.ippo:
         players["IPPO"] = by_ippo(network_of(run.options.ippo))
+    if run.options.rollouts:
+        reda = AssignmentPolicy(REDA.load("power"))
+        players["HAAL L=3, then REDA"] = by_policy(RolloutPolicy(reda, [HAAL(3)]))
+        players["energy price, then REDA"] = by_policy(RolloutPolicy(reda, [AssignmentPolicy(energy_price)]))
     players["dual lookahead W=3, value of charge"] = by_policy(
         DualLookahead(3, end_value=ChargeValue.load("power"))
     )
