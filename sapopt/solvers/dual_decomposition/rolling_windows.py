@@ -22,11 +22,8 @@ from sapopt.solvers.dual_decomposition.network import Network, restricted_networ
 _REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25)
 """Ladder of regrets, in typical benefits: far larger than in `neighbourhoods`, since agents here leave their paths."""
 
-_KEPT = 3
-"""Steps of a window that are kept."""
-
-_LONGEST = 10
-"""Steps of a window, at most."""
+_LONGEST, _SHORTEST = 12, 4
+"""Steps of a window, of which the first half are kept."""
 
 _USUAL = 6
 """Steps of the first window where time is short."""
@@ -51,9 +48,9 @@ class _Pace:
     length: int
 
     def learn(self, took: float, allowed: float) -> None:
-        if took > allowed:
-            self.length = max(_KEPT + 1, self.length - (2 if took > 2.0 * allowed else 1))
-        elif took < 0.5 * allowed:
+        if took > 1.2 * allowed:
+            self.length = max(_SHORTEST, self.length - 1)
+        elif took < 0.6 * allowed:
             self.length = min(_LONGEST, self.length + 1)
 
 
@@ -83,7 +80,8 @@ def rolling_windows(
     steps = arrays.steps
     end = time.monotonic() + seconds
     pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL)
-    for first in range(0, steps, _KEPT):
+    first = 0
+    while True:
         if first > 0 and reprice is not None:
             prices = prices.copy()
             prices[first:] = reprice(first, plan[first - 1], prices[first:])
@@ -91,8 +89,8 @@ def rolling_windows(
         left = end - began
         if stop() or left <= 0.0:
             return None
-        allowed = left * _KEPT / (steps - first)
-        last = min(first + pace.length, steps)
+        last, kept = min(first + pace.length, steps), pace.length // 2
+        allowed = left * kept / (steps - first)
         network = _network(arrays, plan, prices, first, last, rng)
         limit = min(left, _PATIENCE * allowed)
         found = solve_network(network, plan, arrays.tasks, gap=_GAP, seconds=limit)
@@ -101,7 +99,7 @@ def rolling_windows(
             pace.learn(time.monotonic() - began, allowed)
         if last == steps:
             return plan
-    return plan
+        first += kept
 
 
 def _network(

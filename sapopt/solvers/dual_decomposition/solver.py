@@ -52,10 +52,10 @@ _REPRICING_SHARE = 0.5
 _FEWEST_REPRICINGS = 10
 """Dual iterations below which a repricing does more harm than good."""
 
-_WIDE_GAP = 0.01
-"""Gap of the plans so far above which rolling windows, which take longer, are worth their time."""
+_WIDE_GAP = 0.02
+"""Gap of the rolling assignment above which rolling windows, which take longer, are worth their time."""
 
-_WINDOWS_SHARE = 0.6
+_WINDOWS_SHARE = 0.8
 """Share of the time left that rolling windows may take."""
 
 _WINDOW_REPRICINGS = 20
@@ -296,18 +296,18 @@ class _Search:
         if plan is not None:
             self.offer(plan, "rolling assignment")
             yield
-        self.repricings = self.affordable_repricings()
-        if self.repricings and not self.report("repriced assignment"):
-            plan = self.rolling("repriced assignment", block=_BLOCK, reprice=self.reprice)
-            if plan is not None:
-                self.offer(plan, "repriced assignment")
-                yield
+        if self.arrays is not None and self.problem.n < self.problem.m and self.gap > _WIDE_GAP:
+            plan, phase = self.windows_ahead(self.arrays), "rolling windows"
+        else:
+            self.repricings, phase = self.affordable_repricings(), "repriced assignment"
+            if not self.repricings or self.report(phase):
+                plan = None
+            else:
+                plan = self.rolling(phase, block=_BLOCK, reprice=self.reprice)
+        if plan is not None:
+            self.offer(plan, phase)
+            yield
         yield from self.sweeps()
-        if self.arrays is not None and self.gap > _WIDE_GAP:
-            plan = self.windows_ahead(self.arrays)
-            if plan is not None:
-                self.offer(plan, "rolling windows")
-                yield
 
     def windows_ahead(self, arrays: Arrays) -> Ints | None:
         """Return the plan of the rolling windows, None if the run ended first."""
