@@ -3,7 +3,7 @@
     python experiments/fig_6_4.py [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
 
 REDA's weights are those that ship; the others are drawn if their weights are given (`fig_6_3.py` leaves them).
-`--rollouts` adds rollouts of REDA, about a minute an episode: what HAAL or the energy price would do now, played on by
+`--rollouts` adds rollouts of REDA, which take far longer: what HAAL or the energy price would do now, played on by
 REDA to the end.
 """
 
