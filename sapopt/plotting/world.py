@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
+from sapopt.domains.aboard import aboard
 from sapopt.domains.coastline import coastline_deg
 from sapopt.plotting.style import BEST, BOUND, HEAT, MUTED, PALETTE, axes_or_new
 from sapopt.types import FloatArray
@@ -32,13 +33,13 @@ def world_map(
     Parameters
     ----------
     scenario : Constellation
-        Or anything with ``positions_km``, ``tasks`` and ``benefits``; a domain may wrap one as ``constellation``.
+        Or anything with ``positions_km``, ``tasks`` and ``benefits``, or a domain's scenario that wraps one.
     result : Result, optional
         Lines run from each satellite that gains something to its task, orange where the task was handed over.
     step : int
         0-based.
     prices : array_like, shape (T, m), optional
-        Colours the tasks by their price at the step.
+        Colours the tasks by their price at the step, the highest where several lie at one place.
     trail : int
         So many steps of the past are drawn behind the satellites.
     ax : Axes, optional
@@ -51,15 +52,18 @@ def world_map(
     Raises
     ------
     ValueError
-        If there is no such step, or the result does not fit the scenario.
+        If there is no such step, the result does not fit the scenario, or the scenario has no satellites.
     """
-    scenario = getattr(scenario, "constellation", scenario)
-    steps, n = scenario.positions_km.shape[:2]
+    found = aboard(scenario)
+    if found is None:
+        raise ValueError(f"scenario: a {type(scenario).__name__} has no satellites and places to draw")
+    scenario, carrier, place = found
+    steps, n = len(scenario.positions_km), len(carrier)
     if not 0 <= step < steps:
         raise ValueError(f"step must lie in 0..{steps - 1}, got {step}")
     if result is not None and (result.plan.shape[1] != n or len(result.plan) <= step):
         raise ValueError(
-            f"result: its plan has shape {result.plan.shape}, the scenario {steps} steps and {n} satellites"
+            f"result: its plan has shape {result.plan.shape}, the scenario {steps} steps and {n} agents"
         )
     ax = axes_or_new(ax, (10.0, 5.0))
     ax.set_facecolor("#E4EDF5")
@@ -76,17 +80,26 @@ def world_map(
     places = np.stack([tasks.longitude_deg, tasks.latitude_deg], axis=-1)
     size = 9.0 * tasks.priority / max(tasks.priority.max(), 1e-12)
     served = np.zeros(tasks.m, dtype=bool)
-    busy = np.zeros(n, dtype=bool)
+    busy = np.zeros(len(here), dtype=bool)
     if result is not None:
-        now = result.plan[step]
-        busy = scenario.benefits.slice(step, step + 1).at(now[None])[0] > 0
-        served[now[busy]] = True
-        moved = busy & (result.plan[max(step - 1, 0)] != now)
-        for who, color, width in ((busy & ~moved, _SERVED, 1.0), (moved, BOUND, 1.6)):
-            ax.add_collection(LineCollection(_strands(here[who], places[now[who]]), colors=color, lw=width))
+        before, now = (at if place is None else place[at] for at in result.plan[[max(step - 1, 0), step]])
+        width = int(max(before.max(), now.max(), tasks.m)) + 1
+        seen = scenario.benefits.slice(step, step + 1).flat()
+        row = np.repeat(np.arange(len(here)), np.diff(seen.indptr))
+        pair = carrier * width + now
+        gains = np.isin(pair, (row * width + seen.indices)[seen.data > 0])
+        moved = gains & ~np.isin(pair, carrier * width + before)
+        served[now[gains]] = busy[carrier[gains]] = True
+        for who, color, thick in ((gains & ~moved, _SERVED, 1.0), (moved, BOUND, 1.6)):
+            lines = _strands(here[carrier[who]], places[now[who]])
+            ax.add_collection(LineCollection(lines, colors=color, lw=thick))
     if prices is not None:
         look = {"cmap": HEAT, "vmin": 0.0, "lw": 0.3, "edgecolors": MUTED, "zorder": 3}
-        _dots(ax, places, 4 + 3 * size, np.asarray(prices)[step], marker="s", **look)
+        asked = np.asarray(prices)[step]
+        at = np.arange(len(asked)) if place is None else place
+        dearest = np.zeros(tasks.m)
+        np.maximum.at(dearest, at[at < tasks.m], asked[at < tasks.m])
+        _dots(ax, places, 4 + 3 * size, dearest, marker="s", **look)
     else:
         _dots(ax, places[~served], size[~served], _FREE, marker="s", zorder=3)
         _dots(ax, places[served], 1.4 * size[served], _SERVED, marker="s", zorder=3)

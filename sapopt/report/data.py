@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sapopt.domains.aboard import aboard
 from sapopt.domains.coastline import coastline_data
 from sapopt.problem import SAP
 from sapopt.result import Result
@@ -89,14 +90,13 @@ def _trace(result: Result, bound: float | None) -> list[list[float]]:
 
 def _map(problem: SAP, scenario: Any) -> dict[str, Any] | None:
     """Ground tracks and places of the tasks, if the scenario has them for this very problem."""
-    # A domain may wrap a constellation; several agents may ride on one satellite, several tasks lie at one place.
-    base: Any = getattr(scenario, "constellation", getattr(scenario, "satellites", scenario))
-    positions, tasks = getattr(base, "positions_km", None), getattr(base, "tasks", None)
-    if positions is None or tasks is None or not hasattr(tasks, "latitude_deg"):
+    found = aboard(scenario)
+    if found is None:
         return None
-    copied = scenario.synthetic() if hasattr(scenario, "synthetic") else None
-    carrier = getattr(copied, "agent_of", np.arange(positions.shape[1]))
-    place = getattr(copied, "task_of", np.arange(max(tasks.m, problem.m)))
+    base, carrier, place = found
+    positions, tasks = base.positions_km, base.tasks
+    if place is None:
+        place = np.arange(max(tasks.m, problem.m))
     if len(carrier) != problem.n or len(place) != problem.m or positions.shape[0] < problem.T:
         raise ValueError(
             f"scenario: it has {positions.shape[0]} steps, {len(carrier)} agents and {len(place)} tasks, the problem "
