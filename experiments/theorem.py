@@ -1,17 +1,19 @@
 """Algorithms 1 and 2 and the optimum in exact arithmetic, on sequential assignment problems of any state model.
 
-Nothing here comes from sapopt, and no number is rounded: benefits, costs and values are integers or fractions.
+No verdict here rests on sapopt, and no number is rounded: benefits, costs and values are integers or fractions.
 Assignments are tuples, all of them are enumerated, and where several are equally good *all* ways to break the ties
 can be followed, so that a claim does not rest on how ties are broken.
 
-    python experiments/theorem.py [tests/data/theorem_counterexamples.json]
+    python experiments/theorem.py [tests/data/theorem_counterexamples.json] [--out results/theorem]
+
+Nothing is random and all instances are small: `--seeds` and `--quick` change nothing.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import permutations
@@ -231,13 +233,18 @@ def load(path: Path = KNOWN) -> list[dict[str, Any]]:
     return out
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Re-check the known instances in exact arithmetic.")
-    parser.add_argument("file", nargs="?", type=Path, default=KNOWN)
+def main(argv: Sequence[str] | None = None) -> None:
+    import common  # the command line and the file of results; no verdict depends on it
+
+    def add(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("file", nargs="?", type=Path, default=KNOWN)
+
+    run = common.begin(__doc__, "theorem", argv, add=add)
+    rows = []
     print(
         f"{'instance':36} {'L':>2} {'optimum':>8} {'HAAL':>8} {'HAA':>8} {'HAAL+':>8} {'ratio':>7} {'c/(1+c)':>8}"
     )
-    for entry in load(parser.parse_args().file):
+    for entry in load(run.options.file):
         model, lookahead = entry["model"], entry["lookahead"]
         best = optimum(model)
         haal, haa = haal_values(model, lookahead), haal_values(model, 1)
@@ -249,6 +256,15 @@ def main() -> None:
             f"{'/'.join(map(str, sorted(haa))):>8} {plus!s:>8} {float(max(haal) / best):>7.4f} "
             f"{float(c / (1 + c)):>8.4f}{mark}"
         )
+        rows.append(
+            {
+                "name": entry["name"], "lookahead": lookahead, "optimum": str(best),
+                "haal": [str(v) for v in sorted(haal)],
+                "haa": [str(v) for v in sorted(haa)], "haal_plus": str(plus), "promised": str(c / (1 + c)),
+                "violated": bool(mark),
+            }
+        )  # fmt: skip
+    run.write_json({"instances": rows})
 
 
 if __name__ == "__main__":
