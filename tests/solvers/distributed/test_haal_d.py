@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.assignment import best_assignment
 from sapopt.benefits import Benefits
+from sapopt.dynamics import SyntheticSwitching
 from sapopt.outlook import Outlook, WindowSums, rollout
 from sapopt.solvers import CBBA, HAA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.distributed import Faults, Network, Simulator, play
@@ -130,6 +131,21 @@ def test_lookahead_one_is_the_auction_policy() -> None:
     ).all()
     twin = problem.evaluate(rollout(problem, CentralHAALD(1)).plan).value
     assert twin == problem.evaluate(rollout(problem, HAA()).plan).value
+
+
+@pytest.mark.parametrize("labels", [{}, {"task_of": [0, 0, 1, 1]}, {"agent_of": [0, 0]}])
+@pytest.mark.parametrize("seed", range(4))
+def test_on_benefits_that_a_move_forfeits(seed: int, labels: dict[str, list[int]]) -> None:
+    """Where the step of a move earns nothing, HAAL-D is worth what its twin is, and a lookahead pays."""
+    rng = np.random.default_rng(seed)
+    benefits = 3 * rng.random((5, 2, 4)) * (rng.random((5, 2, 4)) < 0.7)
+    problem = SAP(benefits, SyntheticSwitching(forfeit=1.0, **labels), np.arange(2))
+    value, twin, short = (
+        problem.evaluate(rollout(problem, policy).plan).value
+        for policy in (HAALD(3, 1e-6), CentralHAALD(3), CentralHAALD(1))
+    )
+    assert value == pytest.approx(twin, abs=1e-4)
+    assert value > short
 
 
 def test_forbidden_pairs() -> None:
