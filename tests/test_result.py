@@ -82,6 +82,11 @@ def test_report_in_one_call(tmp_path: Path) -> None:
     assert "<title>two nurses" in page.read_text("utf-8")
     with pytest.raises(ValueError, match="exists already"):
         result.report(page)
+    for nowhere in (tmp_path, tmp_path / "none" / "r.html"):
+        with pytest.raises(ValueError, match="name a file in a folder that exists"):
+            result.report(nowhere)
+    with pytest.raises(ValueError, match="problem must be a SAP, got ndarray"):
+        result.report(tmp_path / "other.html", np.ones((4, 2, 3)))
     result.save(tmp_path / "r.npz")
     again = Result.load(tmp_path / "r.npz")
     with pytest.raises(ValueError, match="does not hold its problem"):

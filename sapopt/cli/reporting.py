@@ -64,8 +64,8 @@ def report(
     from sapopt.report import report as write
 
     check_time(time_limit)
-    check_new(out, force)
     found = _find(result)
+    check_new(out, force)
     name = instance if instance is not None else found.record.get("source")
     if name is None:
         raise ValueError(

@@ -74,6 +74,12 @@ def report(
     'report.html'
     """
     path = Path(path)
+    if not isinstance(problem, SAP):
+        raise ValueError(
+            f"problem must be a SAP, got {type(problem).__name__}; pass the problem that was solved"
+        )
+    if path.is_dir() or not path.parent.is_dir():
+        raise ValueError(f"path: {path} is a folder, or lies in none; name a file in a folder that exists")
     named = {results.solver: results} if isinstance(results, Result) else dict(results)
     if not named:
         raise ValueError("results is empty; give at least one result of the problem")
