@@ -11,7 +11,7 @@ import pytest
 from rule_problems import Learning
 
 from sapopt import SAP, CertificateError, SwitchingCost, bound, certify, solve, verify
-from sapopt.solvers import HAA, Exact
+from sapopt.solvers import HAA, DualDecomposition, Exact
 
 BENEFITS = np.random.default_rng(4).random((4, 2, 4)).round(2)
 
@@ -127,8 +127,12 @@ def test_subclasses_of_built_in_dynamics_get_no_bound_of_their_base() -> None:
             return np.asarray(0.5 * super().handover(k, state))
 
     problem = SAP(BENEFITS, Half(0.5))
-    with pytest.raises(CertificateError, match="no plain path recursion"):
+    with pytest.raises(ValueError, match="Half changes handover of SwitchingCost"):
         certify(problem, solve(problem, HAA()))
+    with pytest.raises(ValueError, match="Half changes handover of SwitchingCost"):
+        bound(problem)
+    with pytest.raises(ValueError, match="Half changes handover of SwitchingCost"):
+        solve(problem, DualDecomposition())
 
 
 @pytest.mark.parametrize("told", [None, [], 3.0j, [object()], {"loss": 1}, [np.array(["a"])]])

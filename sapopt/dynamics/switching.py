@@ -137,9 +137,24 @@ class SwitchingCost:
         return GainMatrix(*plain.arrays, state, held_gain, -cost, m, plain.has_negative)
 
     def path_oracle(self, benefits: Benefits, state: Held) -> Any:
-        """Longest priced paths of the agents (`sapopt.dynamics.local.PathOracle`)."""
+        """Longest priced paths of the agents (`sapopt.dynamics.local.PathOracle`).
+
+        Raises
+        ------
+        ValueError
+            If a subclass charges something else and has no local_model: the paths are those of this very rule.
+        """
+        from sapopt.dynamics.local import compiled
         from sapopt.dynamics.switching_paths import oracle
 
+        for rule in ("handover", "handover_at", "transition"):
+            if getattr(type(self), rule) is not getattr(SwitchingCost, rule):
+                if hasattr(self, "local_model"):
+                    return compiled(benefits, self.local_model(benefits, state))
+                raise ValueError(
+                    f"dynamics: {type(self).__name__} changes {rule} of SwitchingCost, whose paths would prove a wrong "
+                    "bound for it; give it a local_model"
+                )
         return oracle(benefits, self, state)
 
     def _dense_handover(self, windows: WindowSums, start: int, state: Held) -> FloatArray:

@@ -132,7 +132,7 @@ class DualDecomposition:
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
-        switching = isinstance(problem.dynamics, SwitchingCost)
+        switching = type(problem.dynamics) is SwitchingCost
         if not is_agent_local(problem.model):
             raise ValueError(
                 f"dynamics: {type(problem.dynamics).__name__} is not agent-local (it has neither path_oracle nor "
