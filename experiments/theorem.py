@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -25,7 +26,7 @@ KNOWN = Path(__file__).resolve().parents[1] / "tests" / "data" / "theorem_counte
 
 
 @dataclass
-class Model:
+class Model(ABC):
     """A problem in exact numbers; subclasses say what a state is.
 
     benefits[k][i][j] is the benefit of agent i for task j at step k.
@@ -41,17 +42,17 @@ class Model:
         self.choices = list(permutations(range(self.m), self.n))
         self._best: dict[Any, tuple[Fraction, list[Assignment]]] = {}
 
+    @abstractmethod
     def eta(self, state: Any, choice: Assignment) -> Fraction:
         """Handover of an assignment in a state."""
-        raise NotImplementedError
 
+    @abstractmethod
     def after(self, state: Any, choice: Assignment) -> Any:
         """Next state."""
-        raise NotImplementedError
 
+    @abstractmethod
     def worst_handover(self) -> Fraction:
         """|H|, the most that handovers of one step can differ from none."""
-        raise NotImplementedError
 
     def static(self, k: int, choice: Assignment) -> Fraction:
         """Benefit of an assignment at step k."""
