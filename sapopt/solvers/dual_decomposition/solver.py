@@ -315,7 +315,8 @@ class _Search:
         self.repricings = _WINDOW_REPRICINGS
         return rolling_windows(
             arrays, self.best, self.prices, self.run.rng,
-            reprice=self.reprice, seconds=_WINDOWS_SHARE * self.seconds_left(), stop=lambda: self.run.stopped,
+            reprice=self.reprice, seconds=_WINDOWS_SHARE * self.seconds_left(),
+            stop=lambda: self.report("rolling windows"),
         )  # fmt: skip
 
     @cached_property
