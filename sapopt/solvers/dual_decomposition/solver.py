@@ -335,9 +335,12 @@ class _Search:
         def seconds(k: int) -> float:
             return _REPRICING_SHARE * self.seconds_left() / (self.problem.T - k)
 
-        repriced = {"window": _REPRICED_WINDOW, "iterations": 2 * self.options.repricing, "seconds": seconds}
-        plain: dict[str, Any] = {}
-        for phase, options in (("rolling assignment", plain), ("repriced assignment", repriced)):
+        ways: dict[str, dict[str, Any]] = {"rolling assignment": {}}
+        if self.options.repricing:
+            ways["repriced assignment"] = {
+                "window": _REPRICED_WINDOW, "iterations": 2 * self.options.repricing, "seconds": seconds
+            }  # fmt: skip
+        for phase, options in ways.items():
             plan = windowed_plan(self.problem, self.prices, lambda at=phase: self.report(at), **options)  # type: ignore[misc]
             if plan is None:
                 return
