@@ -8,7 +8,11 @@ from pathlib import Path
 # On tiny problems the threads of the kernels mostly wait for each other, minutes of it where the cores are shared.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
+import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
+
+from sapopt import SAP, SwitchingCost
 
 # Tests are imported by file (import mode importlib), so what they share has to be put on the path.
 sys.path.insert(0, str(Path(__file__).parent))
@@ -25,3 +29,11 @@ settings.register_profile(
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))
+
+
+@pytest.fixture
+def problem_file(tmp_path: Path) -> Path:
+    """A small saved problem."""
+    path = tmp_path / "small.npz"
+    SAP(np.random.default_rng(1).random((5, 3, 4)), SwitchingCost(0.3)).save(path)
+    return path

@@ -3,49 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import error_line, run
 
 import sapopt
-from sapopt import SAP, Result, SwitchingCost
-from sapopt.cli import app
+from sapopt import SAP, Result
 from sapopt.cli.names import parse_solver, parse_solvers
 from sapopt.cli.output import as_json
 
 PNG = b"\x89PNG\r\n"
-
-
-def run(*args: Any) -> Any:
-    """Outcome of a command."""
-    return CliRunner().invoke(app, [str(arg) for arg in args])
-
-
-def error_line(*args: Any) -> str:
-    """The one line on stderr of a command that must end with status 2 and print nothing else."""
-    outcome = run(*args)
-    assert outcome.exit_code == 2, outcome.output
-    assert outcome.stdout == ""
-    lines = outcome.stderr.strip().splitlines()
-    assert len(lines) == 1, outcome.stderr
-    assert lines[0].startswith("sapopt: ")
-    return str(lines[0])
-
-
-@pytest.fixture
-def problem_file(tmp_path: Path) -> Path:
-    """A small saved problem."""
-    path = tmp_path / "small.npz"
-    SAP(np.random.default_rng(1).random((5, 3, 4)), SwitchingCost(0.3)).save(path)
-    return path
 
 
 def test_version() -> None:
@@ -254,92 +224,6 @@ def test_built_in_instance() -> None:
     assert dear["solvers"]["haa"]["handovers"] < one["solvers"]["haa"]["handovers"]
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (("compare", "constelation-mid"), "did you mean 'constellation-mid'?"),
-        (("compare", "Constellation-Mid"), "did you mean 'constellation-mid'?"),
-        (("compare", "no/such/file.npz"), "there is no file no/such/file.npz"),
-        (("compare", "missing.npz"), "there is no file missing.npz"),
-        (("compare", "constellation-toy", "--solvers", "haall:3"), "did you mean 'haal'?"),
-        (("compare", "constellation-toy", "--solvers", "qqqq"), "known: no-handover"),
-        (
-            ("compare", "constellation-toy", "--solvers", "haal:0"),
-            "lookahead must be a whole number of at least 1",
-        ),
-        (
-            ("compare", "constellation-toy", "--solvers", "haal:-1"),
-            "lookahead must be a whole number of at least 1",
-        ),
-        (("compare", "constellation-toy", "--solvers", "haal:x"), "'x' is not a whole number"),
-        (("compare", "constellation-toy", "--solvers", "haa:3"), "takes no number"),
-        (("compare", "constellation-toy", "--solvers", "haal:3,HAAL:3"), "listed twice"),
-        (("compare", "constellation-toy", "--solvers", ","), "no solver given"),
-        (("compare", "constellation-toy", "--time-limit", "0"), "--time-limit must be a positive number"),
-        (("compare", "constellation-toy", "--time-limit", "nan"), "--time-limit must be a positive number"),
-        (("compare", "constellation-toy", "--seed", "-1"), "--seed"),
-        (("compare", "constellation-toy", "--seed", "x"), "--seed"),
-        (("compare", "constellation-toy", "--cost", "-0.5"), "--cost"),
-        (("compare", "constellation-toy", "--cost", "nan"), "--cost"),
-        (("compare",), "INSTANCE"),
-        (("compare", "constellation-toy", "--no-such-option"), "--no-such-option"),
-        (("solve", "constellation-toy", "--solver", "haa", "--lookahead", "3"), "takes no number"),
-        (
-            ("solve", "constellation-toy", "--solver", "haal:3", "--lookahead", "3"),
-            "already names its lookahead",
-        ),
-        (("frobnicate",), "frobnicate"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
-)
-def test_bad_arguments(args: tuple[str, ...], words: str) -> None:
-    """Each bad argument: status 2, one line that names it, nothing on stdout."""
-    assert words in error_line(*args)
-
-
-def test_agent_out_of_range(problem_file: Path) -> None:
-    """The agent to draw must exist; the range is in the message."""
-    outcome = run("compare", problem_file, "--agent", "3")
-    assert outcome.exit_code == 2
-    assert outcome.stderr.strip().splitlines()[-1] == "sapopt: --agent must lie in 0..2, got 3"
-
-
-def test_cost_of_a_file(problem_file: Path) -> None:
-    """A file has its own cost."""
-    assert "--cost applies to built-in instances" in error_line("compare", problem_file, "--cost", "1")
-
-
-@pytest.mark.parametrize("damage", ["cut", "flipped", "text", "empty", "other", "result"])
-def test_damaged_files(problem_file: Path, tmp_path: Path, damage: str) -> None:
-    """A file that is cut short, changed, or something else ends with status 2 and a line that names it."""
-    whole = problem_file.read_bytes()
-    path = tmp_path / "damaged.npz"
-    if damage == "cut":
-        path.write_bytes(whole[: len(whole) // 2])
-    elif damage == "flipped":
-        middle = len(whole) // 2
-        path.write_bytes(whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :])
-    elif damage == "text":
-        path.write_text("this is no problem", encoding="utf-8")
-    elif damage == "empty":
-        path.write_bytes(b"")
-    elif damage == "other":
-        np.savez(path, x=np.arange(3))
-    else:
-        assert run("solve", problem_file, "--solver", "haa", "--out", tmp_path / "out").exit_code == 0
-        path = tmp_path / "out" / "solve.npz"
-    outcome = run("compare", path, "--solvers", "haa")
-    assert outcome.exit_code == 2
-    assert outcome.stdout == ""
-    assert str(path) in outcome.stderr.strip().splitlines()[-1]
-    assert "Traceback" not in outcome.stderr
-
-
-def test_out_is_a_file(problem_file: Path) -> None:
-    """`--out` must be a folder; that is said before any work is done."""
-    assert "--out" in error_line("compare", problem_file, "--out", problem_file)
-
-
 def test_solver_names() -> None:
     """Case, hyphens and underscores do not matter, and the table's name is the same."""
     assert parse_solver("HAAL:6").name == parse_solver("haal", 6).name == "haal:6"
@@ -368,63 +252,6 @@ def test_interrupted_compare_keeps_what_is_there(problem_file: Path, monkeypatch
     assert list(report["solvers"]) == ["greedy", "haa"]
 
 
-class TestProcess:
-    """The installed program, as a user starts it."""
-
-    program = Path(sys.executable).with_name("sapopt")
-
-    def start(self, *args: Any, cwd: Path) -> subprocess.Popen[str]:
-        """A running program."""
-        return subprocess.Popen(
-            [str(self.program), *map(str, args)],
-            cwd=cwd,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def test_streams(self, problem_file: Path, tmp_path: Path) -> None:
-        """stdout can be piped into a JSON reader; progress goes to stderr."""
-        process = self.start("compare", problem_file, "--solvers", "haa", "--json", cwd=tmp_path)
-        out, err = process.communicate(timeout=120)
-        assert process.returncode == 0, err
-        assert json.loads(out)["solvers"]["haa"]["status"] == "feasible"
-        assert "haa" in err
-
-    def test_bad_argument(self, tmp_path: Path) -> None:
-        """Status 2 and one line, no traceback."""
-        process = self.start("compare", "constelation-mid", cwd=tmp_path)
-        out, err = process.communicate(timeout=120)
-        assert (process.returncode, out) == (2, "")
-        assert err.strip() == "sapopt: unknown instance 'constelation-mid'; did you mean 'constellation-mid'?"
-
-    @pytest.mark.skipif(os.name == "nt", reason="sends SIGINT to one process")
-    def test_interrupt(self, tmp_path: Path) -> None:
-        """Ctrl-C during a long run: the whole plan made so far is printed, and the status is 130."""
-        args = ("solve", "constellation-mid", "--solver", "haal", "--lookahead", "14", "--json")
-        process = self.start(*args, cwd=tmp_path)
-        assert process.stderr is not None
-        for line in process.stderr:
-            if line.startswith("haal:14"):
-                break
-        time.sleep(1.0)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=120)
-        assert process.returncode == 130, err
-        report = json.loads(out)
-        assert report["status"] == "interrupted"
-        assert np.shape(report["plan"]) == (93, 324)
-
-    def test_reading_words_is_quick_and_light(self) -> None:
-        """Asking for the version or making a typing mistake does not load the plotting library."""
-        code = (
-            "import sys, sapopt.cli; "
-            "print(*[m for m in ('matplotlib', 'torch', 'cvxpy') if m in sys.modules])"
-        )
-        out = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
-        assert out.split() == []
-
-
 def test_distributed_solvers_hear_the_satellites_in_range(tmp_path: Path) -> None:
     """The links of a constellation are used, and the trace tells what every step cost."""
     traffic = {}
@@ -439,18 +266,3 @@ def test_distributed_solvers_hear_the_satellites_in_range(tmp_path: Path) -> Non
     # Everyone in one hop: fewer rounds, and no packet is passed on.
     near, far = (sum(step["rounds"] for step in traffic[reach]) for reach in ("inf", "8000"))
     assert near < far
-
-
-def test_bad_range(problem_file: Path) -> None:
-    """A range that splits the satellites, or that nothing uses, is refused in one line."""
-    for options in (["--range-km", "20"], []):
-        outcome = run("solve", "constellation-toy", "--solver", "haal-d", *options)
-        assert outcome.exit_code == 2
-        last = outcome.stderr.strip().splitlines()[-1]
-        assert "parts at step 0; pass a larger --range-km" in last
-    outcome = run("solve", problem_file, "--solver", "cbba", "--range-km", "9")
-    assert "for constellations" in outcome.stderr.strip().splitlines()[-1]
-    assert "positive number of kilometres" in error_line(
-        "solve", problem_file, "--solver", "cbba", "--range-km", "-1"
-    )
-    assert "for solvers that exchange packets" in error_line("solve", problem_file, "--range-km", "2500")
