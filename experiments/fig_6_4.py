@@ -1,4 +1,4 @@
-"""Figure 6.4 (Holder 2024, section 6.4): conflicts, charge and task duration of every policy on the power environment.
+"""Figure 6.4 (Holder 2024, section 6.4): reward, conflicts, charge and task duration of every policy on batteries.
 
     python experiments/fig_6_4.py [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
 
@@ -68,10 +68,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         report[name] = {key: float(np.mean([one[key] for one in played])) for key in played[0]}
         report[name]["error"] = common.mean_and_error([one["value"] for one in played])[1]
         run.say(f"{name:38s}" + "  ".join(f"{key} {value:.3g}" for key, value in report[name].items()))
-    figure, axes = common.new_figure(11.0, 3.8, 1, 3, sharey=True)
+    figure, axes = common.new_figure(12.0, 3.8, 1, 4, sharey=True)
     for panel, (key, label) in zip(
         axes,
         [
+            ("value", "total reward"),
             ("conflicts", "share of work in conflict"),
             ("charge", "mean charge"),
             ("duration", "steps on a task"),
