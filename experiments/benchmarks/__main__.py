@@ -35,11 +35,11 @@ def cases(group: str, quick: bool) -> list[Case]:
     """Methods of a group with their problems, small ones first."""
     n = [100, 300, 1000] if quick else [100, 300, 1000, 3000, 10_000, 30_000]
     base = {"n": 100 if quick else 300, "m": 125 if quick else 375, "T": 12}
-    few, some = (n[:2], n) if quick else (n[:3], n[:4])
+    few = n[:2] if quick else n[:3]
     if group == "n":
         reach = {
             "greedy": n, "haa": n, "haal:3": n, "haal:6": n, "dual-lookahead:6": n, "dual-bound": n,
-            "dual-decomposition": few if quick else some, "haal-d:3": few, "cbba:3": few,
+            "dual-decomposition": few if quick else n, "haal-d:3": few if quick else n[:4], "cbba:3": few,
         }  # fmt: skip
         return [(name, sizes(counts)) for name, counts in reach.items()]
     varied = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from experiments import common
 
@@ -44,9 +45,9 @@ def exponents(groups: dict[str, Rows]) -> dict[str, dict[str, float]]:
         for method, rows in by_method(groups.get(group, [])).items():
             # the whole horizon's time grows with T by itself; a policy's is per step
             key = "seconds" if group == "T" and method.startswith("dual-bound") else "per_step"
-            # a method that uses up its time has none of its own
-            timed = [(of(row), row[key]) for row in rows if row["status"] != "time limit"]
-            if len(timed) < 3:
+            timed = [(of(row), row[key]) for row in rows]
+            # a method that uses up its time has no growth of its own
+            if len(timed) < 3 or any(row["status"] == "time limit" for row in rows):
                 continue
             upper = timed[-max(3, len(timed) // 2 + 1) :]
             x, y = np.log(np.array(upper)).T
@@ -138,12 +139,12 @@ def page(result: dict[str, Any]) -> str:
         f"""Made by `python -m experiments.benchmarks{" --quick" if result["options"]["quick"] else ""} --docs`.
 The problems are those of `experiments/benchmarks/ring.py`: agents drift past tasks on a ring and see a few of them at a
 time, so that n, m, T and the number of visible pairs can grow one by one. Each method runs in a process of its own and
-stops growing where a problem takes {result["cap"]:g} s. Times are those of the processor with one thread, compilation
-left out, for policies all steps over their number; only for the whole horizon, whose solvers run in parallel, is it the
-wall clock. {environment["cores"]} cores, {environment["platform"]}, Python {environment["python"]}. The load was
-{min(loads):.1f} to {max(loads):.1f}: above the number of cores the machine was busy with other work, and then what is
-timed by the wall clock, and what a method finds within a time limit (`dual-decomposition`), is worse; ratios
-are what to read.""",
+stops growing where a problem takes {result["cap"]:g} s; `dual-decomposition` has that as its time limit.
+Times are those of the processor with one thread, compilation left out, for policies all steps over their number; only
+for the whole horizon, whose solvers run in parallel, is it the wall clock. {environment["cores"]} cores,
+{environment["platform"]}, Python {environment["python"]}. The load was {min(loads):.1f} to {max(loads):.1f}: above the
+number of cores the machine was busy with other work, and then what is timed by the wall clock, and what a method finds
+within a time limit (`dual-decomposition`), is worse; ratios are what to read.""",
         f"Not in this run: the groups {', '.join(missing)}." if missing else "",
         "![Time, memory and value against size](images/benchmarks.png)",
     ]
@@ -220,7 +221,10 @@ def picture(result: dict[str, Any]) -> Figure:
     """Six panels: time, memory and value against n; time against lookahead and steps; the peers."""
     groups = result["groups"]
     bounds = best_bounds([row for rows in groups.values() for row in rows])
-    figure, axes = common.new_figure(13.0, 7.0, 2, 3)
+    figure, axes = common.new_figure(14.0, 7.4, 2, 3)
+    ordered = [groups.get("n", []), *groups.values()]
+    names = dict.fromkeys(row["method"].split(":")[0] for rows in ordered for row in good(rows))
+    style = {name: {"color": f"C{at % 10}", "ls": "-" if at < 10 else "--"} for at, name in enumerate(names)}
 
     def draw(
         ax: Any, rows: Rows, key: str, of: Callable[[dict[str, Any]], float | None], title: str, log: bool
@@ -228,16 +232,30 @@ def picture(result: dict[str, Any]) -> Figure:
         for method, own in by_method(rows).items():
             points = [(row[key], of(row)) for row in own if of(row) is not None]
             if points:
-                ax.plot(*zip(*points, strict=True), marker="o", markersize=3, linewidth=1.2, label=method)
+                own_style = style[method.split(":")[0]]
+                if method == "haal:3":
+                    own_style = own_style | {"ls": ":"}
+                ax.plot(
+                    *zip(*points, strict=True),
+                    marker="o",
+                    markersize=3,
+                    linewidth=1.2,
+                    label=method,
+                    **own_style,
+                )
         ax.set_title(title, fontsize=10)
         ax.set_xlabel(key)
-        if key != "L":
+        if key == "L":
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        else:
             ax.set_xscale("log")
         if log:
             ax.set_yscale("log")
         ax.set_visible(ax.has_data())
         if ax.has_data():
-            ax.legend(fontsize=7)
+            ax.legend(
+                fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.2
+            )
         ax.grid(alpha=0.3)
 
     def share(row: dict[str, Any]) -> float | None:
@@ -250,7 +268,7 @@ def picture(result: dict[str, Any]) -> Figure:
     ]
     rows = groups.get("n", [])
     draw(axes[0, 0], rows, "n", lambda row: row["per_step"], "seconds per step", True)
-    draw(axes[0, 1], rows, "n", lambda row: row["peak_mib"], "peak memory, MiB", True)
+    draw(axes[0, 1], rows, "n", lambda row: row["peak_mib"], "peak memory, MiB", False)
     draw(axes[0, 2], rows, "n", share, "value, % of the best bound", False)
     draw(
         axes[1, 0],
