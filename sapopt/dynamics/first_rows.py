@@ -11,6 +11,7 @@ any other task it merely waits; it leaves at a step b and goes on along its best
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -51,7 +52,7 @@ class FirstRows:
         out[np.repeat(np.arange(n), np.diff(self.row_start)), self.tasks] = self.values
         return out
 
-    def assign(self, prices: FloatArray | None = None) -> IntArray:
+    def assign(self, prices: FloatArray | None = None, check: Callable[[], None] | None = None) -> IntArray:
         """The assignment (n,) of greatest total value.
 
         Parameters
@@ -59,6 +60,8 @@ class FirstRows:
         prices : (m,) float array, optional
             Prices to start from, not negative; good ones save work. Where tasks can stay free, prices other than zero
             make a free task worth its price.
+        check : callable, optional
+            Called now and then; what it raises ends the work.
 
         Raises
         ------
@@ -69,7 +72,9 @@ class FirstRows:
 
         m = self.dues.shape[1]
         start = np.zeros(m) if prices is None else np.ascontiguousarray(prices, dtype=np.float64)
-        chosen: IntArray = assign_rows(self.row_start, self.tasks, self.values, self.leave, self.dues, start)
+        chosen: IntArray = assign_rows(
+            self.row_start, self.tasks, self.values, self.leave, self.dues, start, check
+        )
         if len(chosen) == 0:
             raise InfeasibleError(explain_infeasible(np.isfinite(self.toarray())))
         return chosen

@@ -15,11 +15,12 @@ from numba import njit
 
 from sapopt.kernels.heap import pop, push
 
+_BATCH = 256  # searches between two looks at the clock
+
 _ROUNDS = 10  # passes of row reduction, as in `sapopt.kernels.matching`
 
 
-@njit(cache=True, nogil=True)
-def assign_rows(row_start, tasks, values, leave, dues, prices):
+def assign_rows(row_start, tasks, values, leave, dues, prices, check=None):
     """Return the task of every agent (n,) in an assignment of greatest value, or an empty array if there is none.
 
     Parameters
@@ -32,7 +33,23 @@ def assign_rows(row_start, tasks, values, leave, dues, prices):
     prices : ndarray of float64, shape (m,)
         Not negative prices to start from. With n == m the result is optimal whatever they are; with n < m a task that
         stays free is worth its price, so that prices of zero give the optimum.
+    check : callable, optional
+        Called between batches of searches, a good part of a second; what it raises ends the work.
     """
+    problem = row_start, tasks, values, leave, dues
+    queue, state = _begin(problem, prices)
+    for first in range(0, len(queue), _BATCH):
+        if check is not None:
+            check()
+        if not _insert(queue[first : first + _BATCH], problem, state):
+            return np.empty(0, np.int64)
+    return state[0]
+
+
+@njit(cache=True, nogil=True)
+def _begin(problem, prices):
+    """Reduce the rows: the agents that are still without a task, and the state of the searches."""
+    row_start, tasks, values, leave, dues = problem
     n, hubs = leave.shape
     m = dues.shape[1]
     chosen, owner = np.full(n, -1, np.int64), np.full(m, -1, np.int64)
@@ -49,21 +66,31 @@ def assign_rows(row_start, tasks, values, leave, dues, prices):
         waiting, later = _reduce_rows(
             row_start, tasks, values, leave, least, chosen, owner, u, p, queue, waiting, late, later
         )
+    return np.concatenate((queue[:waiting], late[:later])), (chosen, owner, u, p, least, lowest)
+
+
+@njit(cache=True, nogil=True)
+def _insert(agents, problem, state):
+    """Give each of the agents a task by a shortest augmenting path; False if there is none."""
+    row_start, tasks, values, leave, dues = problem
+    chosen, owner, u, p, least, lowest = state
+    n, hubs = leave.shape
+    m = dues.shape[1]
     dist, via = np.full(m, np.inf), np.empty(m, np.int64)
     done, touched = np.zeros(m, np.bool_), np.empty(m, np.int64)
     hub_dist, hub_from, hub_done = np.empty(hubs), np.empty(hubs, np.int64), np.empty(hubs, np.bool_)
     room = row_start[n] + hubs * (n + m) + 1
     heap_key, heap_item = np.empty(room), np.empty(room, np.int64)
-    for q in range(waiting + later):
+    for root in agents:
         for b in range(hubs):
             if least[b] != dues[b, lowest[b]] + p[lowest[b]]:  # prices only rise
                 _lowest(b, dues, p, owner, least, lowest)
         if not _augment(
-            queue[q] if q < waiting else late[q - waiting], row_start, tasks, values, leave, dues, least, lowest,
-            chosen, owner, u, p, dist, via, done, touched, hub_dist, hub_from, hub_done, heap_key, heap_item,
+            root, row_start, tasks, values, leave, dues, least, lowest, chosen, owner, u, p,
+            dist, via, done, touched, hub_dist, hub_from, hub_done, heap_key, heap_item,
         ):  # fmt: skip
-            return np.empty(0, np.int64)
-    return chosen
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)

@@ -41,7 +41,7 @@ def assign_first(outlook: Outlook, oracle: PathOracle, prices: FloatArray) -> In
     if isinstance(oracle, FirstGainsOracle):
         return outlook.assign(oracle.first_gains(prices))
     if isinstance(oracle, FirstRowsOracle):
-        return oracle.first_rows(prices).assign()
+        return oracle.first_rows(prices).assign(check=outlook.check)
     assert isinstance(oracle, FirstValueOracle)
     return outlook.assign(oracle.first_values(prices))
 

@@ -183,17 +183,23 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
     smooth, descent = state.smooth, state.descent
     assert smooth is not None
     wanted = descent.iterations
-    cheaper = None
-    began, pace = time.monotonic(), 0.0
+    cheaper, was_narrow = None, False
+    began, pace, renewal = time.monotonic(), 0.0, 0.0
     while smooth.iteration < descent.iterations:
-        if smooth.iteration % 10 == 0 or cheaper is None:
+        narrow = descent.is_narrow(smooth.iteration)
+        renewed = smooth.iteration % 10 == 0 or cheaper is None or narrow != was_narrow
+        if renewed:
             cheaper, smooth = descent.cheaper(oracle, smooth)
+            was_narrow = narrow
         smooth = descent.step(oracle, smooth, cheaper)
         now = time.monotonic()
         done, spent, began = smooth.iteration, now - began, now
-        if np.isfinite(watch.stop_at) and done > 1:  # the first step may have had to compile
+        if renewed:  # took the time of making the oracle too, and may have had to compile
+            pace, renewal = 0.0, spent if done > 1 else 0.0
+        elif np.isfinite(watch.stop_at):
             pace = spent if pace == 0.0 else 0.85 * pace + 0.15 * spent
-            affordable = 0.9 * (watch.stop_at - now) / max(pace, 1e-9)
+            cost = (0.9 * pace + 0.1 * min(renewal, 10.0 * pace)) * descent.mean_cost(oracle, done - 1)
+            affordable = 0.9 * (watch.stop_at - now) / max(cost, 1e-9)
             if done == 2 and wanted == _USUAL:
                 wanted = int(np.clip(0.4 * affordable, _USUAL, min(3 * _USUAL, 0.8 * watch.max_iterations)))
             remaining = max(0, min(wanted - done, int(affordable)))

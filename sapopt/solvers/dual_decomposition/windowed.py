@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sapopt.control import Expired
 from sapopt.dynamics.first_rows import FirstRowsOracle
 from sapopt.dynamics.local import PathOracle, SoftPathOracle
 from sapopt.formulations.dual.lagrangian import lowered
@@ -50,6 +51,11 @@ def windowed_plan(
     ValueError
         If the dynamics cannot value first tasks in sparse form.
     """
+
+    def check() -> None:
+        if stop():
+            raise Expired
+
     plan = np.zeros((problem.T, problem.n), np.int64)
     state = problem.initial_state()
     prices = prices.copy()
@@ -63,10 +69,13 @@ def windowed_plan(
         if iterations:
             prices[k:end] = _repriced(oracle, prices[k:end], iterations, seconds(k))
         # with a task to spare only prices of zero make the assignment optimal
-        plan[k] = oracle.first_rows(prices[k:end]).assign(prices[k] if problem.n == problem.m else None)
-        state = problem.transition(k, state, plan[k])
-        if stop():
+        start = prices[k] if problem.n == problem.m else None
+        try:
+            check()
+            plan[k] = oracle.first_rows(prices[k:end]).assign(start, check)
+        except Expired:
             return None
+        state = problem.transition(k, state, plan[k])
     return plan
 
 
