@@ -183,14 +183,14 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
     smooth, descent = state.smooth, state.descent
     assert smooth is not None
     wanted = descent.iterations
-    cheaper, was_narrow = None, False
+    cheaper, was_wide = None, False
     began, pace, renewal = time.monotonic(), 0.0, 0.0
     while smooth.iteration < descent.iterations:
-        narrow = descent.is_narrow(smooth.iteration)
-        renewed = smooth.iteration % 10 == 0 or cheaper is None or narrow != was_narrow
+        wide = descent.is_wide(oracle, smooth.iteration)
+        renewed = smooth.iteration % 10 == 0 or cheaper is None or wide != was_wide
         if renewed:
             cheaper, smooth = descent.cheaper(oracle, smooth)
-            was_narrow = narrow
+            was_wide = wide
         smooth = descent.step(oracle, smooth, cheaper)
         now = time.monotonic()
         done, spent, began = smooth.iteration, now - began, now

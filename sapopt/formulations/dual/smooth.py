@@ -130,19 +130,16 @@ class SmoothDescent:
             return oracle.narrowed(state.point, regret), anew
         return (Blocks(oracle.blocks(_BLOCK)), anew) if oracle.shape[0] >= 2 * _BLOCK else (oracle, state)
 
-    def is_narrow(self, iteration: int) -> bool:
-        """Whether a step is so cold that entries can be left out."""
-        return self.relative(iteration) <= _NARROW
+    def is_wide(self, oracle: SoftPathOracle, iteration: int) -> bool:
+        """Whether a step needs every entry: too hot to leave any out, and the horizon too short for blocks."""
+        can = isinstance(oracle, NarrowingOracle) and oracle.shape[0] < 2 * _BLOCK
+        return can and self.relative(iteration) > _NARROW
 
     def mean_cost(self, oracle: SoftPathOracle, iteration: int) -> float:
-        """Expected mean time of the steps from `iteration` on, as a multiple of that of a step now."""
-        now = self.relative(iteration)
-        if (
-            not isinstance(oracle, NarrowingOracle)
-            or oracle.shape[0] >= 2 * _BLOCK
-            or self.is_narrow(iteration)
-        ):
+        """Expected mean time of the steps from `iteration` on, as a multiple of that of this step."""
+        if not self.is_wide(oracle, iteration):
             return 1.0
+        now = self.relative(iteration)
         wide = np.log(now / _NARROW) / np.log(now / min(self.cold, _NARROW))
         return float(wide + _NARROW_COST * (1.0 - wide))
 
