@@ -108,14 +108,14 @@ def run_case(name: str, problems: list[dict[str, Any]], cap: float) -> list[dict
 def options(parser: argparse.ArgumentParser) -> None:
     """What this script takes besides the common options."""
     parser.add_argument("--groups", nargs="+", choices=GROUPS, default=list(GROUPS))
-    parser.add_argument("--cap", type=float, help="seconds for one problem (default 20, quick 2)")
+    parser.add_argument("--cap", type=float, help="seconds for one problem (default 30, quick 2)")
     parser.add_argument("--docs", action="store_true", help="write docs/benchmark_results.md and its picture")
 
 
 def main() -> None:
     """Run the groups, write JSON, picture and page."""
     run = common.begin(__doc__, "benchmarks", quick_seeds=1, add=options, resumes=True)
-    cap = run.options.cap or (2.0 if run.quick else 20.0)
+    cap = run.options.cap or (2.0 if run.quick else 30.0)
     path = run.out / "benchmarks.json"
     earlier = json.loads(path.read_text(encoding="utf-8")) if path.exists() and not run.options.force else {}
     groups: dict[str, list[dict[str, Any]]] = dict(earlier.get("groups", {}))
