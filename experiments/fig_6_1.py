@@ -24,6 +24,7 @@ from sapopt.learning import Environment, TrainOptions, train
 from sapopt.learning.coma import COMAOptions, train_coma
 from sapopt.learning.global_observation import GlobalSpec
 from sapopt.learning.ippo import PPOOptions, train_ippo
+from sapopt.learning.options import Choose
 from sapopt.learning.train import Training
 from sapopt.solvers import AssignmentPolicy, Exact, myopic
 from sapopt.types import IntArray
@@ -49,12 +50,12 @@ class RandomAssignment:
         return memory.permutation(outlook.problem.m)[: outlook.problem.n], memory
 
 
-def q_options(seed: int, episodes: int, choose: str) -> TrainOptions:
+def q_options(seed: int, episodes: int, choose: Choose) -> TrainOptions:
     """Small batches and one-step targets: the problem has 30 states of state and step."""
     return TrainOptions(
         episodes=episodes, gradient_steps=8, stretches=2, stretch=10, memory=100, learning_rate=3e-3, discount=0.99,
         soft_target=0.05, trace=0.0, noise=1.0, explore=0.5, spec=GlobalSpec(), evaluations=1, evaluate_every=2,
-        checkpoint_every=episodes, seed=seed, choose=choose,  # type: ignore[arg-type]
+        checkpoint_every=episodes, seed=seed, choose=choose,
     )  # fmt: skip
 
 
@@ -69,7 +70,7 @@ def learn(method: str, seed: int, quick: bool, folder: Path) -> Training:
         return train_ippo(problems, options, folder)
     if method == "coma":
         return train_coma(problems, COMAOptions(episodes=3 * episodes, seed=seed), folder)
-    choose = {"reda": "alpha", "iql": "self"}[method]
+    choose: Choose = "self" if method == "iql" else "alpha"
     return train(problems, RandomAssignment(), q_options(seed, episodes, choose), folder)
 
 

@@ -10,7 +10,7 @@ on from its checkpoint; `--logs` draws runs that exist instead of training.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import common
@@ -34,13 +34,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bound-seconds", type=float, help="for each bound; default 60, quick 5")
 
 
-def learn(method: str, episodes: int, problems: object, folder: Path) -> Path:
+def learn(method: str, episodes: int, problems: Callable[[int], SAP], folder: Path) -> Path:
     """Train one method and return its log."""
     if method == "ippo":
-        training = train_ippo(problems, PPOOptions(episodes=episodes), folder)  # type: ignore[arg-type]
+        training = train_ippo(problems, PPOOptions(episodes=episodes), folder)
     else:
         options = TrainOptions(episodes=episodes, choose="self" if method == "iql" else "alpha")
-        training = train(problems, AssignmentPolicy(power_constrained), options, folder)  # type: ignore[arg-type]
+        training = train(problems, AssignmentPolicy(power_constrained), options, folder)
     save_network(
         training.network, folder / "weights.safetensors", {"method": method, "value": training.value}
     )

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import resource
 import sys
+
+from output import finish
 
 from sapopt import SAP, solve
 from sapopt.domains.instances import instance
@@ -36,15 +36,7 @@ def main() -> None:
     warm = instance("constellation-toy")
     solve(warm, DualDecomposition(rounds=2), time_limit=20)
     rows = [run(options, seed, cost) for seed in options.seeds for cost in options.costs]
-    report = {
-        "machine": platform.machine(), "python": platform.python_version(),
-        "cores": len(os.sched_getaffinity(0)), "rows": rows,
-    }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if options.out:
-        with open(options.out, "w") as file:
-            file.write(text)
+    finish({"rows": rows}, options.out)
 
 
 def run(options: argparse.Namespace, seed: int, cost: float) -> dict[str, object]:

@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import resource
 import sys
 import time
@@ -21,6 +19,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from output import finish
 
 from sapopt import SAP
 from sapopt.domains import constellation as c
@@ -71,19 +70,14 @@ def main() -> None:
             rows.append(row)
     pairs = np.log([row["visible_pairs_per_step"] for row in rows])
     report = {
-        "machine": platform.machine(), "python": platform.python_version(),
-        "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg(), "window": options.window,
+        "window": options.window,
         "exponents": {
             name: float(np.polyfit(pairs, np.log([row[name]["cpu_s_median"] for row in rows]), 1)[0])
             for name in policies
         },
         "rows": rows,
     }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if options.out:
-        with open(options.out, "w") as file:
-            file.write(text)
+    finish(report, options.out)
 
 
 def step_seconds(problem: SAP, policy: Any, steps: int) -> dict[str, float]:

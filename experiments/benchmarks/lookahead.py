@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import sys
 
 import numpy as np
+from output import finish
 
 from sapopt import bound, solve
 from sapopt.domains.instances import instance
@@ -54,15 +53,7 @@ def main() -> None:
                 row |= {"haal": haal.value, "over_haal": ours.value / haal.value - 1}
             print(json.dumps(row), file=sys.stderr, flush=True)
             rows.append(row)
-    report = {
-        "instance": options.instance, "machine": platform.machine(), "python": platform.python_version(),
-        "cores": len(os.sched_getaffinity(0)), "rows": rows,
-    }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if options.out:
-        with open(options.out, "w") as file:
-            file.write(text)
+    finish({"instance": options.instance, "rows": rows}, options.out)
 
 
 if __name__ == "__main__":

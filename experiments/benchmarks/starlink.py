@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import resource
 import sys
 import time
 from typing import Any
 
 import numpy as np
+from output import finish
 
 from sapopt import solve
 from sapopt.domains.instances import instance
@@ -43,15 +42,7 @@ def main() -> None:
     for method in (HAAL(options.window), DualLookahead(options.window), DualDecomposition(rounds=2)):
         solve(toy, method, time_limit=20.0)
     rows = [run(options, tasks) for tasks in options.tasks]
-    report = {
-        "machine": platform.machine(), "python": platform.python_version(),
-        "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg(), "rows": rows,
-    }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if options.out:
-        with open(options.out, "w") as file:
-            file.write(text)
+    finish({"rows": rows}, options.out)
 
 
 def run(options: argparse.Namespace, tasks: int) -> dict[str, Any]:

@@ -9,11 +9,10 @@ the value is that of a plan for it; kernels are compiled before the clock starts
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import platform
 import resource
 import time
+
+from output import finish
 
 from sapopt import solve
 from sapopt.domains import constellation as c
@@ -54,19 +53,14 @@ def main() -> None:
     result = solve(problem, method, time_limit=options.time_limit)
     cpu = time.process_time() - cpu
     report = {
-        "machine": platform.machine(), "python": platform.python_version(),
-        "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg(), "seed": options.seed,
+        "seed": options.seed,
         "T": problem.T, "n": problem.n, "m": problem.m, "visible_pairs": len(problem.benefits.flat().data),
         "build_s": built - began, "wall_s": result.runtime, "cpu_s": cpu, "iterations": options.iterations,
         "value": result.value, "bound": result.bound, "gap": result.gap,
         "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "HAA": solve(problem, HAA()).value,
     }  # fmt: skip
-    text = json.dumps(report, indent=1)
-    print(text)
-    if options.out:
-        with open(options.out, "w") as file:
-            file.write(text)
+    finish(report, options.out)
 
 
 if __name__ == "__main__":

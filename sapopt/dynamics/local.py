@@ -189,7 +189,8 @@ class LocalOracle:
     def __init__(self, benefits: Any, model: LocalModel) -> None:
         self._benefits = benefits
         self._model = model
-        self._shape: tuple[int, int, int] = tuple(int(d) for d in benefits.shape)  # type: ignore[assignment]
+        T, n, m = benefits.shape
+        self._shape = int(T), int(n), int(m)
 
     @property
     def shape(self) -> tuple[int, int, int]:

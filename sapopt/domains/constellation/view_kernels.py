@@ -12,7 +12,7 @@ from sapopt.types import FloatArray, IntArray
 
 
 @njit(cache=True)
-def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:  # pragma: no cover
+def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:
     """Range of the south-to-north sorted `ground` points whose latitude a satellite can see."""
     latitude = math.asin(min(1.0, max(-1.0, sine_latitude)))
     half_pi = 0.5 * math.pi
@@ -29,7 +29,7 @@ def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:  #
 @njit(cache=True)
 def visible_tasks(
     positions: FloatArray, footprint: FloatArray, ground: FloatArray, task_of_point: IntArray
-) -> Any:  # pragma: no cover
+) -> Any:
     """Tasks seen from each position, as rows of a CSR matrix without values.
 
     Parameters
@@ -80,7 +80,7 @@ def proximities(
     earth_radius: float,
     half_angle: float,
     sigma: float,
-) -> FloatArray:  # pragma: no cover
+) -> FloatArray:
     """Proximity (eq. 4.1) of every stored pair; `ground` in the order of the tasks."""
     data = np.empty(len(indices), dtype=np.float64)
     for row in range(positions.shape[0]):

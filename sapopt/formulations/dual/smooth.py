@@ -133,13 +133,13 @@ class SmoothDescent:
     def is_wide(self, oracle: SoftPathOracle, iteration: int) -> bool:
         """Whether a step needs every entry: too hot to leave any out, and the horizon too short for blocks."""
         can = isinstance(oracle, NarrowingOracle) and oracle.shape[0] < 2 * _BLOCK
-        return can and self.relative(iteration) > _NARROW
+        return can and self.temperature(oracle, iteration) > _NARROW * oracle.scale
 
     def mean_cost(self, oracle: SoftPathOracle, iteration: int) -> float:
         """Expected mean time of the steps from `iteration` on, as a multiple of that of this step."""
         if not self.is_wide(oracle, iteration):
             return 1.0
-        now = self.relative(iteration)
+        now = self.temperature(oracle, iteration) / oracle.scale
         wide = np.log(now / _NARROW) / np.log(now / min(self.cold, _NARROW))
         return float(wide + _NARROW_COST * (1.0 - wide))
 

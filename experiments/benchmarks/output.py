@@ -1,0 +1,22 @@
+"""The report of a benchmark: one JSON on stdout, and in a file if one is named."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def finish(figures: Mapping[str, Any], out: str | None) -> None:
+    """Print the figures with the machine that they are of, and write them to `out`."""
+    machine = {
+        "machine": platform.machine(), "python": platform.python_version(),
+        "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg(),
+    }  # fmt: skip
+    text = json.dumps(machine | dict(figures), indent=1)
+    print(text)
+    if out:
+        Path(out).write_text(text + "\n", encoding="utf-8")
