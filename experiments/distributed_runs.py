@@ -15,7 +15,7 @@ import numpy as np
 
 from sapopt import SAP
 from sapopt.domains.instances import scenario
-from sapopt.outlook import rollout
+from sapopt.running.outlook import rollout
 from sapopt.solvers import CBBA, HAAL, HAALD, DistributedDualLookahead, Greedy, NoHandover
 from sapopt.solvers.distributed import play
 

@@ -17,8 +17,8 @@ from distributed_runs import LABELS, Job, policy_of, run_all
 
 from sapopt import SAP, bound
 from sapopt.domains.instances import scenario
-from sapopt.outlook import rollout
 from sapopt.plotting import benefit_history, value_against_bound
+from sapopt.running.outlook import rollout
 
 NAME = "constellation-large"
 METHODS = ("dual", "HAAL", "HAALD", "CBBA", "greedy", "no handover")

@@ -19,6 +19,7 @@ import numpy as np
 from learned import curve
 
 from sapopt import SAP, Outlook, solve
+from sapopt.data.types import IntArray
 from sapopt.domains.instances import instance
 from sapopt.learning import Environment, TrainOptions, train
 from sapopt.learning.coma import COMAOptions, train_coma
@@ -27,7 +28,6 @@ from sapopt.learning.ippo import PPOOptions, train_ippo
 from sapopt.learning.options import Choose
 from sapopt.learning.train import Training
 from sapopt.solvers import AssignmentPolicy, Exact, myopic
-from sapopt.types import IntArray
 
 
 def problems(seed: int) -> SAP:

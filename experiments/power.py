@@ -21,9 +21,9 @@ import common
 import numpy as np
 
 from sapopt import solve
-from sapopt.cli.names import parse_solver
 from sapopt.domains.instances import instance
 from sapopt.solvers import AssignmentPolicy, DualDecomposition, energy_price, power_constrained
+from sapopt.solvers.names import parse_solver
 
 METHODS = (
     "haa", "haal:3", "power-constrained", "energy-price", "dual-lookahead:3", "dual-lookahead:10", "dual-lookahead:30",

@@ -1,16 +1,16 @@
 """sapopt: sequential assignment problems, solved by every method of the field, with proven bounds."""
 
-from sapopt.assignment import assign
-from sapopt.benefits import Benefits
-from sapopt.certificate import Bound, Certificate, CertificateError, verify
-from sapopt.control import Progress
+from sapopt.api import bound, certify, solve
+from sapopt.data.assignment import assign
+from sapopt.data.benefits import Benefits
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.matrices import GainMatrix
 from sapopt.dynamics import SwitchingCost
-from sapopt.feasibility import InfeasibleError
-from sapopt.matrices import GainMatrix
-from sapopt.outlook import Outlook, rollout
-from sapopt.problem import SAP
-from sapopt.result import Evaluation, Result, Status
-from sapopt.verbs import bound, certify, solve
+from sapopt.problem.result import Evaluation, Result, Status
+from sapopt.problem.sap import SAP
+from sapopt.proofs.certificate import Bound, Certificate, CertificateError, verify
+from sapopt.running.control import Progress
+from sapopt.running.outlook import Outlook, rollout
 
 __version__ = "0.1.0"
 

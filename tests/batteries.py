@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from strategies import as_form, sizes
 
 from sapopt import SAP
 from sapopt.dynamics import Battery
-from tests.strategies import as_form, sizes
 
 CHARGES = (("0.2", "0.1", "1"), ("0.5", "0.25", "1"), ("1", "1", "2"), ("0.3", "0.2", "0.7"), ("2", "0", "3"))
 """Drain, charge, capacity."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.benefits import dense_step
+from sapopt.data.benefits import dense_step
 
 LEVELS = 3
 

@@ -12,8 +12,8 @@ from command_line import error_line, run
 
 import sapopt
 from sapopt import SAP, Result
-from sapopt.cli.names import parse_solver, parse_solvers
 from sapopt.cli.output import as_json
+from sapopt.solvers.names import parse_solver, parse_solvers
 
 PNG = b"\x89PNG\r\n"
 

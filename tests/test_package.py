@@ -8,34 +8,47 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import sapopt
+from sapopt import SAP, SwitchingCost, certify, solve
+from sapopt.dynamics import Battery, SlewCost, SyntheticSwitching
+from sapopt.solvers import HAA
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(sapopt.__file__).resolve().parent
 
 LAYERS = (
-    ("cli", "sweeps"),
-    ("verbs", "domains", "learning", "plotting", "report", "display"),
-    ("solvers",),
+    ("cli",),
+    ("sweeps",),
+    ("api",),
+    ("domains", "learning", "report"),
+    ("solvers", "plotting"),
     ("formulations",),
-    ("certificate", "guarantees", "verification", "verification_battery", "outlook", "assignment"),
-    (
-        "problem",
-        "dynamics",
-        "benefits",
-        "result",
-        "control",
-        "io",
-        "types",
-        "kernels",
-        "matrices",
-        "feasibility",
-    ),
+    ("running", "proofs"),
+    ("problem",),
+    ("dynamics",),
+    ("data",),
+    ("kernels",),
 )
-UPWARDS = {("result.py", "report")}
-"""The exceptions: `Result.report` hands over to the page that shows it, inside the method."""
+"""From the top down. Folders of one layer do not import each other."""
+UPWARDS = {("problem/result.py", "report")}
+"""The exception: `Result.report` hands over to the page that shows it, inside the method."""
+BUILT_ON = {
+    "paths": {"paths", "rules"},
+    "joint": {"switching"},
+    "battery": {"paths", "switching"},
+    "copies": {"paths", "switching"},
+}
+"""Families of dynamics that stand on another one."""
+LOCAL_RULES = {
+    "switching": SwitchingCost(0.3),
+    "idle": SwitchingCost(0.3, idle_is_free=True),
+    "battery": Battery(0.3),
+    "copies": SyntheticSwitching(0.3),
+    "slew": SlewCost(0.3, np.full((4, 2, 3), 2.0) + np.arange(24).reshape(4, 2, 3) / 10, np.eye(3)),
+}
 RANK = {name: len(LAYERS) - level for level, names in enumerate(LAYERS) for name in names}
 
 
@@ -50,14 +63,9 @@ def layer(path: Path) -> str:
 
 
 def imports(path: Path) -> Iterator[str]:
-    """Absolute dotted names of everything a file imports at run time, inside functions as well."""
+    """Absolute dotted names of everything a file imports: inside functions and for type checkers as well."""
     package = ("sapopt", *path.relative_to(PACKAGE).parent.parts)
-
-    def visit(node: ast.AST) -> Iterator[str]:
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            for child in node.orelse:
-                yield from visit(child)
-            return
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -65,16 +73,13 @@ def imports(path: Path) -> Iterator[str]:
             module = ".".join((*base, *([node.module] if node.module else [])))
             # `from sapopt import problem` imports a module by its name, so the names count too.
             yield from (f"{module}.{alias.name}" for alias in node.names)
-        for child in ast.iter_child_nodes(node):
-            yield from visit(child)
-
-    yield from visit(ast.parse(path.read_text(encoding="utf-8")))
 
 
 def layers_used(path: Path) -> set[str]:
-    """The layers of sapopt that a file imports."""
+    """The folders of sapopt that a file imports, its own left out."""
     names = (name.split(".") for name in imports(path))
-    return {parts[1] for parts in names if parts[0] == "sapopt" and len(parts) > 1 and parts[1] in RANK}
+    used = {parts[1] for parts in names if parts[0] == "sapopt" and len(parts) > 1 and parts[1] in RANK}
+    return used - {layer(path)}
 
 
 def run(code: str) -> str:
@@ -103,22 +108,51 @@ def test_every_module_has_a_layer() -> None:
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_run_downwards(path: Path) -> None:
-    """No file imports a layer above its own, and torch stays under ``learning`` (and in the dual for GPUs)."""
+    """A file imports lower folders only, and torch stays under ``learning`` (and in the paths for GPUs)."""
     own = layer(path)
     if own not in ("__init__", "__main__"):
-        upwards = {used for used in layers_used(path) if RANK[used] > RANK[own]}
+        upwards = {used for used in layers_used(path) if RANK[used] >= RANK[own]}
         upwards -= {used for name, used in UPWARDS if name == path.relative_to(PACKAGE).as_posix()}
         assert not upwards, f"{own} imports upwards: {sorted(upwards)}"
     if own != "learning" and path.name != "torch_paths.py":
         assert not {name for name in imports(path) if name.split(".")[0] == "torch"}
 
 
-def test_verifier_shares_no_kernels() -> None:
-    """The certificate's verifier is an independent plain implementation."""
-    paths = [path for path in modules() if layer(path) == "certificate"]
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_families_of_dynamics_keep_apart(path: Path) -> None:
+    """Under ``dynamics`` the families stand beside each other: none imports another, but for what it is built on."""
+    parts = path.relative_to(PACKAGE).parts
+    if parts[0] != "dynamics" or len(parts) < 3:
+        return
+    used = {name.split(".")[2] for name in imports(path) if name.startswith("sapopt.dynamics.")}
+    families = {folder.name for folder in (PACKAGE / "dynamics").iterdir() if folder.is_dir()}
+    assert used & families <= {parts[1]} | BUILT_ON.get(parts[1], {"paths"})
+
+
+def test_the_verifier_names_no_kernels() -> None:
+    """What checks certificates imports no kernel, formulation or solver, not even inside a function."""
+    paths = [path for path in modules() if layer(path) == "proofs"]
+    assert len(paths) > 3
     for path in paths:
         assert not layers_used(path) & {"kernels", "formulations", "solvers"}
         assert not {name for name in imports(path) if name.split(".")[0] == "numba"}
+
+
+def test_the_verifier_runs_without_a_compiler(tmp_path: Path) -> None:
+    """Nothing that a verification reaches is compiled: every built-in rule is checked without numba."""
+    rng = np.random.default_rng(3)
+    for name, dynamics in LOCAL_RULES.items():
+        problem = SAP(rng.random((4, 2, 3)), dynamics, [0, 1])
+        problem.save(tmp_path / f"{name}.npz")
+        certify(problem, solve(problem, HAA())).save(tmp_path / f"{name}-certificate.npz")
+    said = run(
+        "import sys; sys.modules['numba'] = None\n"
+        "from sapopt import SAP, verify\n"
+        f"for name in {list(LOCAL_RULES)}:\n"
+        f"    verify(f'{tmp_path}/{{name}}-certificate.npz', SAP.load(f'{tmp_path}/{{name}}.npz'))\n"
+        "    print(name)"
+    )
+    assert said.split() == list(LOCAL_RULES)
 
 
 def test_versions_agree() -> None:

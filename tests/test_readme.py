@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sapopt.cli.app import app
-from sapopt.cli.names import METHODS
+from sapopt.solvers.names import METHODS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -13,9 +13,9 @@ import pytest
 import scipy.sparse as sp
 
 from sapopt import SAP, solve
+from sapopt.data.windows import WindowSums
 from sapopt.formulations.dual import ascend
 from sapopt.kernels.matching import match, positive_rows
-from sapopt.outlook import WindowSums
 from sapopt.solvers import HAAL, HAALD, DualDecomposition
 
 

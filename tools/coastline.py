@@ -1,7 +1,7 @@
-"""Makes `sapopt/domains/data/coastline.json`, the land of the maps, from Natural Earth (public domain).
+"""Makes `sapopt/plotting/data/coastline.json`, the land of the maps, from Natural Earth (public domain).
 
     npm pack world-atlas && tar xzf world-atlas-*.tgz
-    python tools/coastline.py package/land-50m.json sapopt/domains/data/coastline.json
+    python tools/coastline.py package/land-50m.json sapopt/plotting/data/coastline.json
 
 The rings of Natural Earth's 1:50 million land (version 4.1, as the npm package world-atlas 2.0.2 redistributes it) are
 simplified (Douglas and Peucker) to 0.12 degrees, the smallest islands are left out, and what remains is rounded to

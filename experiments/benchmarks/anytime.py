@@ -19,7 +19,7 @@ from typing import Any
 
 from sapopt import SAP, bound, solve
 from sapopt.domains.instances import scenario
-from sapopt.outlook import Policy
+from sapopt.running.outlook import Policy
 from sapopt.solvers import (
     CBBA,
     HAA,

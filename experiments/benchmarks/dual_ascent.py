@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from sapopt import SAP
 from sapopt.domains.instances import instance
-from sapopt.dynamics.local import SoftPathOracle
+from sapopt.dynamics.paths.oracles import SoftPathOracle
 from sapopt.formulations.dual import dual_value
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent

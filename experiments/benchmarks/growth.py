@@ -22,9 +22,10 @@ import numpy as np
 from output import finish
 
 from sapopt import SAP
+from sapopt.data.windows import WindowSums
 from sapopt.domains import constellation as c
 from sapopt.domains.instances import instance
-from sapopt.outlook import Outlook, WindowSums
+from sapopt.running.outlook import Outlook
 from sapopt.solvers import HAAL, DualLookahead
 
 SHELLS = {

@@ -22,8 +22,9 @@ import numpy as np
 from plain import plain_step
 
 from sapopt import SAP
+from sapopt.data.windows import WindowSums
 from sapopt.domains.instances import instance
-from sapopt.outlook import Outlook, WindowSums
+from sapopt.running.outlook import Outlook
 from sapopt.solvers import HAAL
 
 SIZES = {"mid": "constellation-mid", "1000": "constellation-large", "4225": "constellation-shells"}

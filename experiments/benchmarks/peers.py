@@ -15,9 +15,9 @@ import numpy as np
 
 from experiments.benchmarks.plain import plain_step
 from sapopt import SAP, solve
-from sapopt.assignment import assign
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.outlook import WindowSums
+from sapopt.data.assignment import assign
+from sapopt.data.windows import WindowSums
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.solvers import HAA, Exact
 
 SCALE = 10**6

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from sapopt.cli.names import NamedSolver
 from sapopt.cli.progress import Reporter
+from sapopt.solvers.names import NamedSolver
 
 DEFAULT_RANGE_KM = 2500.0
 

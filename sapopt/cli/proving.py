@@ -9,9 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sapopt import verbs
-from sapopt.certificate import Certificate
-from sapopt.certificate import verify as verify_certificate
+from sapopt import api as verbs
 from sapopt.cli import links, show, work
 from sapopt.cli.app import (
     DEFAULT_SOLVER,
@@ -28,12 +26,14 @@ from sapopt.cli.app import (
     app,
     check_time,
 )
-from sapopt.cli.names import methods_help, parse_solver
 from sapopt.cli.output import Output, check_new
 from sapopt.cli.progress import Reporter
 from sapopt.domains.instances import instances
-from sapopt.problem import SAP
-from sapopt.result import Status
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.proofs.certificate import Certificate
+from sapopt.proofs.certificate import verify as verify_certificate
+from sapopt.solvers.names import methods_help, parse_solver
 
 
 @app.command(name="bound")

@@ -15,8 +15,8 @@ from sapopt.cli import show, work
 from sapopt.cli.app import AsJson, Cost, Force, app, check_time
 from sapopt.cli.output import check_new
 from sapopt.cli.progress import Reporter
-from sapopt.problem import SAP
-from sapopt.result import Result, Status
+from sapopt.problem.result import Result, Status
+from sapopt.problem.sap import SAP
 
 _PROOF_SECONDS = 20.0
 

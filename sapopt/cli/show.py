@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from sapopt.cli.output import Output, as_json, figure
-from sapopt.problem import SAP
-from sapopt.result import Result
+from sapopt.problem.result import Result
+from sapopt.problem.sap import SAP
 
 _HISTORY_LINES = 3
 

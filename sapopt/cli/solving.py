@@ -25,10 +25,10 @@ from sapopt.cli.app import (
     check_agent,
     check_time,
 )
-from sapopt.cli.names import methods_help, parse_solver, parse_solvers
 from sapopt.cli.output import Output
 from sapopt.cli.progress import Reporter
-from sapopt.result import Status
+from sapopt.problem.result import Status
+from sapopt.solvers.names import methods_help, parse_solver, parse_solvers
 
 _BOUND_SECONDS = 40.0
 """For the bound beside a solver that proves none, where no limit is asked for."""

@@ -10,9 +10,9 @@ import typer
 
 from sapopt.cli import show, work
 from sapopt.cli.app import EXIT_INTERRUPTED, AsJson, Force, TimeLimit, app, check_time
-from sapopt.cli.names import nearest
 from sapopt.cli.progress import Reporter
-from sapopt.control import Run
+from sapopt.running.control import Run
+from sapopt.solvers.names import nearest
 
 train_app = typer.Typer(help="Train a learned policy.", no_args_is_help=True)
 app.add_typer(train_app, name="train")

@@ -12,18 +12,18 @@ from itertools import count
 from pathlib import Path
 from types import FrameType
 
-from sapopt import verbs
-from sapopt.certificate import Bound
+from sapopt import api as verbs
 from sapopt.cli.links import shortened
-from sapopt.cli.names import NamedSolver, nearest
 from sapopt.cli.progress import Phase, Reporter
-from sapopt.control import Callback, Progress
-from sapopt.display import describe
+from sapopt.data.types import FloatArray
 from sapopt.domains.instances import Scenario, find_instance, instances, scenario
-from sapopt.outlook import Policy
-from sapopt.problem import SAP
-from sapopt.result import Result, Status
-from sapopt.types import FloatArray
+from sapopt.problem.result import Result, Status
+from sapopt.problem.sap import SAP
+from sapopt.proofs.certificate import Bound
+from sapopt.running.control import Callback, Progress
+from sapopt.running.display import describe
+from sapopt.running.outlook import Policy
+from sapopt.solvers.names import NamedSolver, nearest
 
 _WARM_UP_STEPS = 3
 _WARM_UP_SECONDS = 2.0

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation import Constellation, GroundTasks
-from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 _POOR = [[3.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
 _POORER = [[3.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -68,7 +68,7 @@ class DictatorScenario:
             If a cost is asked for: nothing but the state matters here.
         """
         from sapopt.dynamics import Dictator
-        from sapopt.problem import SAP
+        from sapopt.problem.sap import SAP
 
         if np.ndim(cost) != 0 or cost != 0 or idle_is_free:
             raise ValueError(

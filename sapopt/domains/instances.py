@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 class Scenario(Protocol):

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation.earth import EARTH_RADIUS_KM, unit_vectors
-from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from sapopt.domains.constellation import Constellation
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

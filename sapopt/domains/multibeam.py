@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sapopt.domains.constellation import Constellation
     from sapopt.formulations.synthetic import SyntheticAgents
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

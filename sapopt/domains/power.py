@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation import Constellation, WalkerShell, random_tasks, walker_constellation
-from sapopt.dynamics.battery import PayFor
-from sapopt.types import FloatArray, IntArray
+from sapopt.dynamics.battery.model import PayFor
 
 if TYPE_CHECKING:
     import networkx as nx
 
-    from sapopt.benefits import Benefits
-    from sapopt.problem import SAP
+    from sapopt.data.benefits import Benefits
+    from sapopt.problem.sap import SAP
 
 PRIORITIES = (1.0, 1.0, 1.0, 5.0)
 """Priorities of tasks are drawn from these with equal chances."""

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class PowerSystem:
         import scipy.sparse as sp
 
         from sapopt.dynamics import UnitCommitment
-        from sapopt.problem import SAP
+        from sapopt.problem.sap import SAP
 
         if np.ndim(cost) or not (np.isfinite(cost) and cost >= 0):
             raise ValueError(f"cost is a factor on the start-up costs, one finite number, got {cost!r}")

@@ -1,15 +1,15 @@
 """State models: how assignments move the state, and what a change of task costs."""
 
-from sapopt.dynamics.agent_local import AgentLocal, LocalStates
 from sapopt.dynamics.base import Dynamics
-from sapopt.dynamics.battery import Battery, BatteryState
-from sapopt.dynamics.dictator import Dictator
-from sapopt.dynamics.interference import Interference
-from sapopt.dynamics.ride_hailing import RideHailing
-from sapopt.dynamics.slewing import SlewCost
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.dynamics.synthetic import SyntheticSwitching
-from sapopt.dynamics.unit_commitment import UnitCommitment
+from sapopt.dynamics.battery.model import Battery, BatteryState
+from sapopt.dynamics.copies.model import SyntheticSwitching
+from sapopt.dynamics.joint.dictator import Dictator
+from sapopt.dynamics.joint.interference import Interference
+from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
+from sapopt.dynamics.rules.ride_hailing import RideHailing
+from sapopt.dynamics.rules.slewing import SlewCost
+from sapopt.dynamics.rules.unit_commitment import UnitCommitment
+from sapopt.dynamics.switching.model import SwitchingCost
 
 __all__ = [
     "AgentLocal",

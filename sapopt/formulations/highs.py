@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.types import FloatArray
+from sapopt.data.types import FloatArray
 
 
 class SolverError(RuntimeError):

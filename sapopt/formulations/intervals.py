@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.assignment import best_assignment
-from sapopt.benefits import dense_step
-from sapopt.feasibility import InfeasibleError
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.assignment import best_assignment
+from sapopt.data.benefits import dense_step
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 _TIE = 1e-12
 _MOST = 16

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from sapopt.dynamics.local import LocalModel
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import LocalModel
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.benefits import dense_step
-from sapopt.dynamics.local import LocalModel
-from sapopt.dynamics.switching import SwitchingCost
+from sapopt.data.benefits import dense_step
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import LocalModel
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.local import local_model, not_local
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 
 class MissingSolverError(ImportError):

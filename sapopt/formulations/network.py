@@ -16,13 +16,13 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.benefits import dense_step
-from sapopt.dynamics.local import LocalModel
-from sapopt.dynamics.switching import SwitchingCost
+from sapopt.data.benefits import dense_step
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import LocalModel
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.highs import Programme
 from sapopt.formulations.local import local_model, not_local
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ _MOST_ARCS = 20_000_000
 
 
 class NetworkOracle:
-    """Longest priced paths of the agents through a network (a `sapopt.dynamics.local.PathOracle`)."""
+    """Longest priced paths of the agents through a network (a `sapopt.dynamics.paths.oracles.PathOracle`)."""
 
     def __init__(self, network: Network) -> None:
         self.network = network

@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.dynamics.switching import SwitchingCost
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.highs import Programme
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.certificate import Bound
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import milp, qap
 from sapopt.formulations.highs import SolverError
 from sapopt.formulations.milp import require_cvxpy
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
+from sapopt.proofs.certificate import Bound
 
 _PADDING = 1e-5
 _OPTIONS = {"tol_gap_abs": 1e-7, "tol_gap_rel": 1e-7, "tol_feas": 1e-8}

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.feasibility import InfeasibleError, explain_infeasible
+from sapopt.data.feasibility import InfeasibleError, explain_infeasible
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import SolverError
 from sapopt.formulations.milp import require_cvxpy
-from sapopt.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.dynamics.switching import SwitchingCost
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.highs import Programme
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 LIMIT = 1_000_000
 """Stays that are written down; beyond that the network is the right form."""

@@ -13,8 +13,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
+from sapopt.data.types import IntArray
 from sapopt.learning.network import Network
-from sapopt.types import IntArray
 
 FORMAT = "sapopt-checkpoint-1"
 

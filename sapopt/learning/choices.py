@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sapopt.data.types import IntArray
 from sapopt.learning.observation_kernels import place_idle
-from sapopt.types import IntArray
 
 
 def legal(listed: IntArray) -> NDArray[np.bool_]:

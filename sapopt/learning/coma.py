@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sapopt.control import Run
 from sapopt.learning.global_observation import GlobalSpec
 from sapopt.learning.learner import traced
 from sapopt.learning.logs import TrainingLog
@@ -22,6 +21,7 @@ from sapopt.learning.observation import Spec
 from sapopt.learning.options import FRESH, Problems
 from sapopt.learning.sampling import Sampled, masked_logits, sample_episode
 from sapopt.learning.train import Training
+from sapopt.running.control import Run
 
 
 @dataclass(frozen=True)

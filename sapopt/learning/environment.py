@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.windows import WindowSums
 from sapopt.learning.observation import Spec
-from sapopt.outlook import Outlook, WindowSums
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 
 
 class Environment:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sapopt.benefits import Benefits
+from sapopt.data.benefits import Benefits
+from sapopt.data.types import IntArray
 from sapopt.solvers.base import check_lookahead
-from sapopt.types import IntArray
 
 
 @dataclass(frozen=True)

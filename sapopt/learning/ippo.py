@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sapopt.control import Run
 from sapopt.learning.logs import TrainingLog
 from sapopt.learning.network import Network, new_network
 from sapopt.learning.observation import ObservationSpec, Spec
 from sapopt.learning.options import FRESH, Problems
 from sapopt.learning.sampling import Sampled, masked_logits, sample_episode
 from sapopt.learning.train import Training
+from sapopt.running.control import Run
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from sapopt.assignment import best_assignment
+from sapopt.data.assignment import best_assignment
+from sapopt.data.types import IntArray
 from sapopt.learning.checkpoint import Checkpoint
 from sapopt.learning.choices import legal, tasks_of
 from sapopt.learning.environment import Environment
@@ -13,9 +14,8 @@ from sapopt.learning.network import new_network
 from sapopt.learning.observation import gain_matrix
 from sapopt.learning.options import FRESH, Problems, TrainOptions
 from sapopt.learning.replay import Batch, Episode, Replay, replayed
-from sapopt.outlook import Policy
-from sapopt.problem import SAP
-from sapopt.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Policy
 
 
 def assigned(q: np.ndarray, listed: IntArray, m: int) -> IntArray:

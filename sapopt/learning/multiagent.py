@@ -15,11 +15,11 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.learning.choices import legal, tasks_of
 from sapopt.learning.environment import Environment
 from sapopt.learning.observation import ObservationSpec
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 
 class _Played:

@@ -24,10 +24,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from sapopt.benefits import Benefits, Flat
-from sapopt.matrices import GainMatrix
+from sapopt.data.benefits import Benefits, Flat
+from sapopt.data.matrices import GainMatrix
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.solvers.base import check_lookahead
-from sapopt.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from sapopt.learning.observation import ObservationSpec, Spec
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
 
 Problems = Callable[[int], SAP]
 """``problems(seed)``: the problem of an episode, the same for the same seed; all with the same number of agents."""

@@ -7,10 +7,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from sapopt.data.matrices import GainMatrix
 from sapopt.learning.network import Network, load_network
 from sapopt.learning.observation import gain_matrix
-from sapopt.matrices import GainMatrix
-from sapopt.outlook import Outlook
+from sapopt.running.outlook import Outlook
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sapopt.data.types import IntArray
 from sapopt.learning.environment import Environment
 from sapopt.learning.observation import Spec
 from sapopt.learning.observation_kernels import action_index
-from sapopt.problem import SAP
-from sapopt.types import IntArray
+from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.learning.choices import legal, tasks_of
 from sapopt.learning.environment import Environment
 from sapopt.learning.network import Network
-from sapopt.problem import SAP
-from sapopt.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
 
 _NEVER = -1e9
 """Added to the logit of a choice that is not allowed."""

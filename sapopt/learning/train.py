@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sapopt.control import Run
 from sapopt.learning.checkpoint import load_checkpoint, save_checkpoint
 from sapopt.learning.learner import Learner
 from sapopt.learning.logs import TrainingLog
 from sapopt.learning.network import Network
 from sapopt.learning.options import Problems, TrainOptions
-from sapopt.outlook import Policy
+from sapopt.running.control import Run
+from sapopt.running.outlook import Policy
 
 
 @dataclass(frozen=True, eq=False)

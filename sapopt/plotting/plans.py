@@ -24,8 +24,8 @@ from sapopt.plotting.style import (
 )  # fmt: skip
 
 if TYPE_CHECKING:
-    from sapopt.problem import SAP
-    from sapopt.result import Result
+    from sapopt.problem.result import Result
+    from sapopt.problem.sap import SAP
 
 
 def benefit_history(

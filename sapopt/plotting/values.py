@@ -22,7 +22,7 @@ from sapopt.plotting.style import (
 )  # fmt: skip
 
 if TYPE_CHECKING:
-    from sapopt.result import Result
+    from sapopt.problem.result import Result
 
 _SMALLEST_GAP = 0.001  # percent; a gap of zero has no place on a logarithmic scale
 

@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
-from sapopt.domains.aboard import aboard
-from sapopt.domains.coastline import coastline_deg
+from sapopt.data.types import FloatArray
+from sapopt.plotting.aboard import aboard
+from sapopt.plotting.coastline import coastline_deg
 from sapopt.plotting.style import BEST, BOUND, HEAT, MUTED, PALETTE, axes_or_new
-from sapopt.types import FloatArray
 
 if TYPE_CHECKING:
-    from sapopt.result import Result
+    from sapopt.problem.result import Result
 
 _SERVED, _FREE = PALETTE[2], "#AEBDCB"
 

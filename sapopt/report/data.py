@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.domains.aboard import aboard
-from sapopt.domains.coastline import coastline_data
-from sapopt.problem import SAP
-from sapopt.result import Result
-from sapopt.types import FloatArray
+from sapopt.data.types import FloatArray
+from sapopt.plotting.aboard import aboard
+from sapopt.plotting.coastline import coastline_data
+from sapopt.problem.result import Result
+from sapopt.problem.sap import SAP
 
 _FINE_CELLS = 400_000
 """Up to so many agents x steps, benefits are told in 65535 levels, beyond in 255, to keep the page small."""

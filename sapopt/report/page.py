@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.problem import SAP
+from sapopt.problem.result import Result
+from sapopt.problem.sap import SAP
 from sapopt.report.data import payload
-from sapopt.result import Result
 
 _SCRIPTS = ("core.js", "chart.js", "panels.js", "timeline.js", "map.js", "app.js")
 _SLACK = 1e-6

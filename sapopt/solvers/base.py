@@ -1,4 +1,4 @@
-"""What a solver is: a policy (decides step by step, `sapopt.outlook.Policy`) or a planner (sees the whole horizon)."""
+"""What a solver is: a policy (`sapopt.running.outlook.Policy`) decides by step, a planner sees the whole horizon."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numbers
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
-from sapopt.control import Run
-from sapopt.outlook import Policy
-from sapopt.problem import SAP
-from sapopt.result import Status
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
+from sapopt.running.outlook import Policy
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 A window that ends at step k sees no use for the charge left then, and empties every battery. What the charge would
 really have earned is known after the fact: under the task prices that solve the dual of a whole episode, the longest
-path from level l at step k on is worth N_k[l] (see `sapopt.dynamics.battery_paths_kernels`). Averaged over agents and
+path from level l at step k on is worth N_k[l] (see `sapopt.dynamics.battery.hard`). Averaged over agents and
 episodes, by the number of steps that are left, this is a table that knows neither tasks nor agents, and serves for
 episodes that were never seen.
 """
@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sapopt.problem import SAP
-from sapopt.types import FloatArray
+from sapopt.data.types import FloatArray
+from sapopt.problem.sap import SAP
 
 _FORMAT = "sapopt-charge-value-1"
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.dynamics.first_rows import FirstRowsOracle
-from sapopt.dynamics.local import (
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.first_rows import FirstRowsOracle
+from sapopt.dynamics.paths.oracles import (
     FirstGainsOracle,
     FirstValueOracle,
     PathOracle,
@@ -25,10 +26,9 @@ from sapopt.dynamics.local import (
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.formulations.dual.subgradient import Subgradient
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
-from sapopt.types import FloatArray, IntArray
 
 
 def values_first_tasks(oracle: PathOracle) -> bool:
@@ -57,7 +57,7 @@ class DualLookahead:
     iterations : int
         Price iterations at every step; the first step gets four times as many, as it has no prices to start from.
     end_value : ChargeValue, optional
-        What a battery's charge is worth after the window, in place of `sapopt.dynamics.battery_paths.leftover`; for a
+        What a battery's charge is worth after the window, in place of `sapopt.dynamics.battery.paths.leftover`; for a
         `Battery` only. Any callable ``end_value(problem, left)`` that returns one number for each level, when `left`
         steps follow the window.
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sapopt.benefits import dense_step
-from sapopt.dynamics.battery import Battery, BatteryState
-from sapopt.matrices import GainMatrix, Matrix
-from sapopt.outlook import Outlook
-from sapopt.types import FloatArray
+from sapopt.data.benefits import dense_step
+from sapopt.data.matrices import GainMatrix, Matrix
+from sapopt.data.types import FloatArray
+from sapopt.dynamics.battery.model import Battery, BatteryState
+from sapopt.running.outlook import Outlook
 
 
 def priced_work(outlook: Outlook, price: Callable[[FloatArray], FloatArray]) -> Matrix:

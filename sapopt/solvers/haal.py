@@ -7,14 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sapopt.assignment import best_assignment
-from sapopt.feasibility import InfeasibleError
-from sapopt.matrices import value_of
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.assignment import best_assignment
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.matrices import value_of
+from sapopt.data.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.haal_tree import CompiledTree
-from sapopt.types import IntArray
 
 Parking = Literal["lowest", "lookahead"]
 _TIE = 1e-12

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.outlook import Outlook, WindowSums
-from sapopt.types import IntArray
+from sapopt.data.types import IntArray
+from sapopt.data.windows import WindowSums
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.running.outlook import Outlook
 
 _MOST_BYTES = 512 * 2**20  # for states
 _SLICE = 64

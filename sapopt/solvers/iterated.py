@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.dynamics.interference import Interacting
-from sapopt.matrices import GainMatrix, checked_matrix
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.matrices import GainMatrix, checked_matrix
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.joint.interference import Interacting
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.policy import Generator, myopic
-from sapopt.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

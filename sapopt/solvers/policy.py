@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.matrices import GainMatrix, Matrix, checked_matrix
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
-from sapopt.types import IntArray
+from sapopt.data.matrices import GainMatrix, Matrix, checked_matrix
+from sapopt.data.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 
 Generator = Callable[[Outlook], Any]
 """``generator(outlook)`` returns an ``(n, m)`` matrix: array, sparse matrix or GainMatrix."""

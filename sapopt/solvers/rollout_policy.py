@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.feasibility import InfeasibleError
-from sapopt.outlook import Outlook, Policy
-from sapopt.problem import SAP
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook, Policy
 from sapopt.solvers.base import check_lookahead
-from sapopt.types import IntArray
 
 
 @dataclass(frozen=True)

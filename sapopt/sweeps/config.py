@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sapopt.cli.names import parse_solver
 from sapopt.domains.instances import find_instance
+from sapopt.solvers.names import parse_solver
 from sapopt.sweeps.engine import Job
 
 BOUND = "bound"

@@ -9,7 +9,7 @@ from functools import lru_cache
 from importlib.metadata import version
 from typing import Any
 
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
 
 _WARM_UP_STEPS = 3
 _WARM_UP_SECONDS = 2.0
@@ -29,8 +29,8 @@ def solve_job(spec: dict[str, Any]) -> dict[str, Any]:
     dict
         Value, bound, handovers, seconds and where it ran; plain JSON values, None where there is nothing.
     """
-    from sapopt.cli.names import parse_solver
-    from sapopt.verbs import bound, solve
+    from sapopt.api import bound, solve
+    from sapopt.solvers.names import parse_solver
 
     problem = _problem(json.dumps(spec["instance"], sort_keys=True), spec["seed"])
     _warm_up(problem, spec["solver"])
@@ -69,9 +69,9 @@ _warm: set[str] = set()
 
 def _warm_up(problem: SAP, solver: str) -> None:
     """Compile what the job needs, once a process and solver, so that no time limit pays for it."""
-    from sapopt.cli.names import parse_solver
-    from sapopt.outlook import Policy
-    from sapopt.verbs import bound, solve
+    from sapopt.api import bound, solve
+    from sapopt.running.outlook import Policy
+    from sapopt.solvers.names import parse_solver
 
     if solver in _warm:
         return

@@ -9,7 +9,7 @@ from sapopt import bound, solve
 from sapopt.domains.attitude import Attitude
 from sapopt.domains.constellation import WalkerShell, random_tasks, walker_constellation
 from sapopt.domains.instances import instance, scenario
-from sapopt.dynamics.local import LocalOracle
+from sapopt.dynamics.paths.oracles import LocalOracle
 from sapopt.solvers import HAA, HAAL, DualLookahead
 
 

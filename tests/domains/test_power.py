@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from batteries import random_case
 
 from sapopt import SwitchingCost, solve
 from sapopt.domains.instances import instance, scenario
 from sapopt.domains.power import power_constellation
 from sapopt.dynamics import Battery
 from sapopt.solvers import HAA, AssignmentPolicy, energy_price, power_constrained
-from tests.batteries import random_case
 
 CONSTRAINED = AssignmentPolicy(power_constrained)
 PRICED = AssignmentPolicy(energy_price)

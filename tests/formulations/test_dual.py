@@ -12,7 +12,7 @@ import pytest
 from strategies import Instance
 
 from sapopt import SAP, Benefits
-from sapopt.dynamics.local import LocalOracle
+from sapopt.dynamics.paths.oracles import LocalOracle
 from sapopt.formulations.dual import ascend, dual_value, rigorous_bound
 from sapopt.formulations.local import SwitchingStates
 

@@ -12,12 +12,12 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from sapopt import SAP, SwitchingCost, solve
-from sapopt.control import Run
 from sapopt.domains.instances import instance
 from sapopt.learning import REDA, Environment, ObservationSpec, TrainOptions, train
 from sapopt.learning.learner import Learner
 from sapopt.learning.replay import Replay, replayed
 from sapopt.learning.train import Training
+from sapopt.running.control import Run
 from sapopt.solvers import AssignmentPolicy, myopic
 
 OPTIONS = TrainOptions(

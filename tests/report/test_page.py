@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from sapopt import SAP, Result, SwitchingCost, solve
-from sapopt.domains.coastline import coastline_deg
 from sapopt.domains.instances import find_instance, scenario
+from sapopt.plotting.coastline import coastline_deg
 from sapopt.report import report
 from sapopt.solvers import HAA, NoHandover
 

@@ -9,7 +9,7 @@ import pytest
 from switching_problems import optimum, tiny, walking
 
 from sapopt import SAP, SwitchingCost, solve
-from sapopt.result import Status
+from sapopt.problem.result import Status
 from sapopt.solvers.dual_decomposition import DualDecomposition
 from sapopt.solvers.dual_decomposition.arrays import Arrays
 from sapopt.solvers.dual_decomposition.rolling import rolling_plan

@@ -12,9 +12,9 @@ from local_dynamics import Dictator, Tiring
 from strategies import Instance
 
 from sapopt import SAP, InfeasibleError, Status, SwitchingCost, solve
-from sapopt.control import Run
 from sapopt.formulations.highs import Programme, SolverError, maximise
 from sapopt.formulations.milp import MissingSolverError
+from sapopt.running.control import Run
 from sapopt.solvers import HAAL
 from sapopt.solvers.exact import Exact
 from sapopt.solvers.exact.dp import TooLargeError, best_plan

@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from plain_haal import plain_step
 
 from sapopt import SAP, Benefits, SwitchingCost, solve
-from sapopt.outlook import Outlook, WindowSums, rollout
+from sapopt.data.windows import WindowSums
+from sapopt.running.outlook import Outlook, rollout
 from sapopt.solvers import HAA, HAAL
 from sapopt.solvers.haal import HAALMemory
 from sapopt.solvers.haal_tree import CompiledTree

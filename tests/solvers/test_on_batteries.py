@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from batteries import random_case
 
 from sapopt import SAP, Benefits, CertificateError, bound, certify, solve, verify
 from sapopt.domains.constellation import WalkerShell
 from sapopt.domains.power import power_constellation
 from sapopt.dynamics import Battery
-from sapopt.dynamics.local import LocalOracle
+from sapopt.dynamics.paths.oracles import LocalOracle
 from sapopt.formulations.network import compile as compile_network
-from sapopt.result import Status
+from sapopt.problem.result import Status
+from sapopt.proofs.plain import plain_bound, plain_value
 from sapopt.solvers import HAA, DualDecomposition, DualLookahead, Exact
 from sapopt.solvers.dual_decomposition import paths
-from sapopt.verification import plain_bound, plain_value
-from tests.batteries import random_case
 
 QUICK = DualDecomposition(iterations=80, rounds=2, sweeps=10, repricing=10)
 
@@ -153,7 +153,7 @@ def test_forecasts_reach_the_battery() -> None:
 
 def test_a_dynamics_without_local_states_is_refused() -> None:
     """The planner says what it needs."""
-    from tests.local_dynamics import Dictator
+    from local_dynamics import Dictator
 
     with pytest.raises(ValueError, match="agent-local"):
         solve(SAP(np.ones((2, 2, 3)), Dictator()), DualDecomposition())

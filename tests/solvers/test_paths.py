@@ -7,8 +7,9 @@ import pytest
 from rule_problems import riding, slewing
 
 from sapopt import SAP, solve
-from sapopt.dynamics import arcs_build
-from sapopt.outlook import Outlook, WindowSums
+from sapopt.data.windows import WindowSums
+from sapopt.dynamics.paths import arcs_build
+from sapopt.running.outlook import Outlook
 from sapopt.solvers import HAA
 from sapopt.solvers.dual_decomposition import paths
 from sapopt.solvers.dual_lookahead import assign_first

@@ -11,7 +11,7 @@ from hypothesis import given
 from strategies import FORMS, Instance, instances, random_instances
 
 from sapopt import SAP, GainMatrix, InfeasibleError, Outlook, SwitchingCost, assign, solve
-from sapopt.outlook import Policy
+from sapopt.running.outlook import Policy
 from sapopt.solvers import HAA, AssignmentPolicy, Greedy, NoHandover, myopic
 
 PROBLEM = SAP(np.random.default_rng(0).random((6, 3, 5)), SwitchingCost(0.3), [4, 0, 2])

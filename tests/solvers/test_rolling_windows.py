@@ -8,7 +8,7 @@ from switching_problems import optimum, tiny, walking
 
 from sapopt import SAP
 from sapopt.formulations.dual import ascend
-from sapopt.outlook import rollout
+from sapopt.running.outlook import rollout
 from sapopt.solvers import HAA
 from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
 from sapopt.solvers.dual_decomposition.rolling import rolling_plan

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from batteries import random_case
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import FORMS, Instance, instances
 
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.domains.instances import instance
-from sapopt.outlook import Policy
+from sapopt.running.outlook import Policy
 from sapopt.solvers import (
     HAA,
     HAAL,
@@ -23,7 +24,6 @@ from sapopt.solvers import (
     RolloutPolicy,
     power_constrained,
 )
-from tests.batteries import random_case
 
 
 def definition(case: Instance, base: Policy, asked: list[Policy], steps: int | None) -> list[list[int]]:

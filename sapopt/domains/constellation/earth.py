@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.types import FloatArray
+from sapopt.data.types import FloatArray
 
 EARTH_RADIUS_KM = 6378.137
 """Radius of the spherical Earth of the thesis: the equatorial radius of WGS 84, used at every latitude."""

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation.earth import EARTH_RADIUS_KM, greenwich_sidereal_rad, turn_about_pole
 from sapopt.domains.constellation.orbits import Earth, step_times_s
-from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from sgp4.api import Satrec

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation.view import checked_positions
-from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import networkx as nx

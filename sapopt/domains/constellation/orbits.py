@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from sapopt.data.types import FloatArray
 from sapopt.domains.constellation.earth import (
     EARTH_J2,
     EARTH_MU_KM3_S2,
@@ -15,7 +16,6 @@ from sapopt.domains.constellation.earth import (
     EARTH_RATE_RAD_S,
     turn_about_pole,
 )
-from sapopt.types import FloatArray
 
 Earth = Literal["still", "rotating"]
 

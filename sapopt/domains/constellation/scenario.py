@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray
 from sapopt.domains.constellation.elements import ElementSets, element_positions_km
 from sapopt.domains.constellation.graphs import links
 from sapopt.domains.constellation.orbits import Earth, WalkerShell, walker_positions_km
 from sapopt.domains.constellation.tasks import GroundTasks
 from sapopt.domains.constellation.view import FieldOfView, checked_positions, visible_benefits
-from sapopt.types import FloatArray
 
 if TYPE_CHECKING:
     import networkx as nx
 
-    from sapopt.benefits import Benefits
-    from sapopt.problem import SAP
+    from sapopt.data.benefits import Benefits
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class Constellation:
             If there are more satellites than tasks.
         """
         from sapopt.dynamics import SwitchingCost
-        from sapopt.problem import SAP
+        from sapopt.problem.sap import SAP
 
         if self.n > self.m:
             raise ValueError(

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sapopt.types import FloatArray
+from sapopt.data.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

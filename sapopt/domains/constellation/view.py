@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray
 from sapopt.domains.constellation.earth import EARTH_RADIUS_KM, unit_vectors
-from sapopt.types import FloatArray
 
 if TYPE_CHECKING:
-    from sapopt.benefits import Benefits
+    from sapopt.data.benefits import Benefits
     from sapopt.domains.constellation.tasks import GroundTasks
 
 
@@ -91,7 +91,7 @@ def visible_benefits(
     ValueError
         If the positions have the wrong shape, are not finite, or lie below the ground.
     """
-    from sapopt.benefits import Benefits
+    from sapopt.data.benefits import Benefits
     from sapopt.domains.constellation import view_kernels  # compiled code: imported when it is needed
 
     positions = checked_positions(positions_km)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
 
 
 @njit(cache=True)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +76,9 @@ class City:
             Cost of one step of driving, with or without a passenger. Requests that do not pay for their own ride are
             not on offer.
         """
-        from sapopt.benefits import Benefits
+        from sapopt.data.benefits import Benefits
         from sapopt.dynamics import RideHailing
-        from sapopt.problem import SAP
+        from sapopt.problem.sap import SAP
 
         n, requests = len(self.home), len(self.arrival)
         rule = RideHailing(self.travel, self.pick_up, self.drop_off, self.home, self.patience, cost)

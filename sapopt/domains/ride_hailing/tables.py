@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from sapopt.data.types import FloatArray
 from sapopt.domains.ride_hailing.city import City
 from sapopt.domains.ride_hailing.trips import Trips
-from sapopt.types import FloatArray
 
 _KM_PER_DEGREE = 111.195
 """Length of one degree of latitude on a sphere of radius 6371 km."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.types import FloatArray
+from sapopt.data.types import FloatArray
 
 log = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation.earth import EARTH_RADIUS_KM
 from sapopt.domains.tracking.regions import Regions
-from sapopt.types import FloatArray, IntArray
 
 _KM_PER_DEG = EARTH_RADIUS_KM * np.pi / 180.0
 

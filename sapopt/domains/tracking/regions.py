@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
 
 US_OUTLINE_DEG = (
     (48.4, -124.7), (49.0, -123.0), (49.0, -95.2), (48.6, -93.3), (47.9, -89.6), (46.5, -84.6), (45.8, -83.5),

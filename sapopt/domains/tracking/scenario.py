@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.tracking.objects import Objects, moving_objects
 from sapopt.domains.tracking.regions import Regions, us_regions
-from sapopt.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sapopt.benefits import Benefits
+    from sapopt.data.benefits import Benefits
     from sapopt.domains.constellation import Constellation
     from sapopt.formulations.synthetic import SyntheticTasks
-    from sapopt.problem import SAP
+    from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +55,10 @@ class Tracking:
 
         Satellites start idle: every one has an idle task of its own, and has to acquire the first region it observes.
         """
-        from sapopt.benefits import Benefits
+        from sapopt.data.benefits import Benefits
         from sapopt.dynamics import SyntheticSwitching
         from sapopt.formulations.synthetic import synthetic_tasks
-        from sapopt.problem import SAP
+        from sapopt.problem.sap import SAP
 
         seen = self.satellites
         counts = self.objects.counts(len(self.regions))
@@ -94,7 +94,7 @@ class Tracking:
         horizon : int
             Steps that are forecast at most, the current one among them; not less than a policy's lookahead.
         """
-        from sapopt.benefits import Benefits
+        from sapopt.data.benefits import Benefits
         from sapopt.formulations.synthetic.copies import copied_tasks
 
         if isinstance(horizon, bool) or int(horizon) != horizon or horizon < 1:

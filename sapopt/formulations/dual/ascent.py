@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sapopt.dynamics.local import FloatArray, PathOracle, SoftPathOracle
+from sapopt.dynamics.paths.oracles import FloatArray, PathOracle, SoftPathOracle
 from sapopt.formulations.dual.lagrangian import DualValue, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent, SmoothState
 from sapopt.formulations.dual.subgradient import Subgradient, SubgradientState

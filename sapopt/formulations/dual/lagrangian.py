@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.dynamics.local import FloatArray, IntArray, PathOracle
+from sapopt.dynamics.paths.oracles import FloatArray, IntArray, PathOracle
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from sapopt.dynamics.local import FloatArray, SoftPathOracle
+from sapopt.dynamics.paths.oracles import FloatArray, SoftPathOracle
 
 
 @runtime_checkable

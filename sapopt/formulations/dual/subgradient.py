@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sapopt.dynamics.local import FloatArray, PathOracle
+from sapopt.dynamics.paths.oracles import FloatArray, PathOracle
 from sapopt.formulations.dual.lagrangian import DualValue, dual_value
 
 

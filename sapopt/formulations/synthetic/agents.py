@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.benefits import Benefits, dense_step
-from sapopt.certificate import Bound
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.dynamics.synthetic import SyntheticSwitching
+from sapopt.data.benefits import Benefits, dense_step
+from sapopt.data.types import FloatArray, IntArray, index_array
+from sapopt.dynamics.copies.model import SyntheticSwitching
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_agents, counts, ranks, repeated
 from sapopt.formulations.synthetic.repeated import RepeatedPaths
-from sapopt.problem import SAP
-from sapopt.result import Evaluation
-from sapopt.types import FloatArray, IntArray, index_array
+from sapopt.problem.result import Evaluation
+from sapopt.problem.sap import SAP
+from sapopt.proofs.certificate import Bound
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.benefits import Benefits
-from sapopt.types import IntArray, index_array
+from sapopt.data.benefits import Benefits
+from sapopt.data.types import IntArray, index_array
 
 Forecast = Callable[[int, int], Any]
 

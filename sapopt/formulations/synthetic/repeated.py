@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray
 
 
 class RepeatedPaths:
-    """Path oracle (`sapopt.dynamics.local.SoftPathOracle`) of identical copies of the agents of another oracle.
+    """Path oracle (`sapopt.dynamics.paths.oracles.SoftPathOracle`) of identical copies of the agents of another oracle.
 
     Parameters
     ----------

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.benefits import Benefits
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.dynamics.synthetic import SyntheticSwitching
+from sapopt.data.benefits import Benefits
+from sapopt.data.types import IntArray, index_array
+from sapopt.dynamics.copies.model import SyntheticSwitching
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_tasks, counts
-from sapopt.problem import SAP
-from sapopt.result import Evaluation
-from sapopt.types import IntArray, index_array
+from sapopt.problem.result import Evaluation
+from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)

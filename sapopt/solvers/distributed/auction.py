@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.feasibility import InfeasibleError, explain_infeasible
-from sapopt.matrices import GainMatrix, Matrix
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.feasibility import InfeasibleError, explain_infeasible
+from sapopt.data.matrices import GainMatrix, Matrix
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.network import Network
 from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES, Simulator, Traffic
-from sapopt.types import FloatArray, IntArray
 
 _GOLDEN = 0.6180339887498949
 _LOOK_SECONDS = 0.05

@@ -92,7 +92,7 @@ def auction(
     ring_start, ring_agents : arrays
         Agents by their distance from each of the n agents, see `Network.rings`.
     row_start, tasks, gains, held, held_gain : arrays
-        Gains as in `sapopt.matrices.GainMatrix`.
+        Gains as in `sapopt.data.matrices.GainMatrix`.
     spread : ndarray of int64, shape (bidders,)
         See `best_bid`.
     price, bidder : ndarray, shape (m, n)

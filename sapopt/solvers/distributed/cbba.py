@@ -23,15 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.common import Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES
-from sapopt.types import FloatArray, IntArray
 
 _STAMP_BYTES = 4
 CLAIM_BYTES = 16

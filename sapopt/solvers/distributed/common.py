@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.network import Network, Networks
 from sapopt.solvers.distributed.simulator import Simulator, Traffic
-from sapopt.types import IntArray
 
 log = logging.getLogger(__name__)
 

@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.matrices import GainMatrix
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.matrices import GainMatrix
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.auction import run_auctions
@@ -28,7 +29,6 @@ from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, 
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.network import Network
 from sapopt.solvers.distributed.simulator import HEADER_BYTES
-from sapopt.types import FloatArray, IntArray
 
 _STEP = 0.1
 """First price step, as a share of the mean positive benefit."""

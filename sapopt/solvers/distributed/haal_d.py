@@ -8,17 +8,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sapopt.assignment import best_assignment
-from sapopt.feasibility import InfeasibleError
-from sapopt.matrices import GainMatrix, Matrix
-from sapopt.outlook import Outlook
-from sapopt.problem import SAP
+from sapopt.data.assignment import best_assignment
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.matrices import GainMatrix, Matrix
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.auction import infeasible, run_auctions
 from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
-from sapopt.types import FloatArray, IntArray
 
 Interval = tuple[int, int]
 Knowledge = Literal["own", "all"]

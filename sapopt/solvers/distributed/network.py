@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.types import IntArray
+from sapopt.data.types import IntArray
 
 _KEPT = 4
 """Networks whose distances a `Networks` keeps; those of some thousand agents take tens of megabytes a step."""

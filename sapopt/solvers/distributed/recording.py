@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.control import Run
-from sapopt.outlook import Outlook, Policy, Rollout, rollout
-from sapopt.problem import SAP
+from sapopt.data.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
+from sapopt.running.outlook import Outlook, Policy, Rollout, rollout
 from sapopt.solvers.distributed.simulator import Traffic
-from sapopt.types import IntArray
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class _Recorder:
 
 
 def play(problem: SAP, policy: Policy, run: Run | None = None) -> tuple[Rollout, list[Traffic]]:
-    """`sapopt.outlook.rollout` of a distributed policy, with the traffic of every step.
+    """`sapopt.running.outlook.rollout` of a distributed policy, with the traffic of every step.
 
     Parameters
     ----------

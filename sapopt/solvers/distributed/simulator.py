@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sapopt.data.types import IntArray
 from sapopt.solvers.distributed.faults import Faults
 from sapopt.solvers.distributed.network import Network
-from sapopt.types import IntArray
 
 HEADER_BYTES = 16
 """Sender, step and round, and the round of the latest change it has heard of."""

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.problem import SAP
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.sap import SAP
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -1,7 +1,7 @@
 """Plans from prices for any dynamics with a path oracle: what `rolling` and `sweeps` do, without their kernels.
 
-Where an oracle can place a whole sequence of agents by itself (`sapopt.dynamics.local.PlacingOracle`) the sweeps are
-compiled all the same.
+Where an oracle can place a whole sequence of agents by itself (`sapopt.dynamics.paths.oracles.PlacingOracle`) the
+sweeps are compiled all the same.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.dynamics.local import PathOracle, PlacingOracle, SteppingOracle, path_oracle
-from sapopt.outlook import Outlook, WindowSums
-from sapopt.problem import SAP
+from sapopt.data.windows import WindowSums
+from sapopt.dynamics.paths.oracles import PathOracle, PlacingOracle, SteppingOracle, path_oracle
+from sapopt.problem.sap import SAP
+from sapopt.running.outlook import Outlook
 from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
 from sapopt.solvers.dual_decomposition.sweeps import closed_prices
 from sapopt.solvers.dual_lookahead import assign_first, values_first_tasks

@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from sapopt.control import Run
-from sapopt.dynamics.local import PathOracle, SoftPathOracle, is_agent_local
-from sapopt.dynamics.switching import SwitchingCost
+from sapopt.dynamics.paths.oracles import PathOracle, SoftPathOracle, is_agent_local
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.dynamics.switching.torch_paths import KERNELS, path_oracle, torch_device
 from sapopt.formulations.dual import DualResult, ascend, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent
-from sapopt.formulations.dual.torch_paths import KERNELS, path_oracle, torch_device
-from sapopt.outlook import rollout
-from sapopt.problem import SAP
-from sapopt.result import Status
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
+from sapopt.running.outlook import rollout
 from sapopt.solvers.base import Outcome
 from sapopt.solvers.dual_decomposition import paths
 from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints

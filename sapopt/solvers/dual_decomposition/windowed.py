@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.control import Expired
-from sapopt.dynamics.first_rows import FirstRowsOracle
-from sapopt.dynamics.local import PathOracle, SoftPathOracle
+from sapopt.dynamics.paths.first_rows import FirstRowsOracle
+from sapopt.dynamics.paths.oracles import PathOracle, SoftPathOracle
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Expired
 from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
 
 _HOT, _COLD, _RATE = 0.05, 0.02, 0.2

@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sapopt.control import Run
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import stays as formulation
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.stays import Stays
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
 from sapopt.solvers.exact.cuts import coefficients, violated
 from sapopt.solvers.exact.dive import dive
 from sapopt.solvers.exact.forms import StaysForm
@@ -19,7 +20,6 @@ from sapopt.solvers.exact.master import Master
 from sapopt.solvers.exact.neighbourhoods import Neighbourhoods
 from sapopt.solvers.exact.tree import Tree
 from sapopt.solvers.exact.warm import Incumbent
-from sapopt.types import FloatArray, IntArray
 
 _BEGIN = 2000
 """Stays that the relaxation begins with."""

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.stays import Stays
-from sapopt.types import FloatArray, IntArray
 
 _LEAST = 0.01
 """Violation from which a cut is worth having."""

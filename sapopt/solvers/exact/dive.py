@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sapopt.data.types import IntArray
 from sapopt.formulations.stays import Stays
 from sapopt.solvers.exact.master import Master
-from sapopt.types import IntArray
 
 _SURE = 0.9
 """Share from which stays are settled together."""

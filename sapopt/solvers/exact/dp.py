@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.control import Run
-from sapopt.feasibility import InfeasibleError, explain_infeasible
-from sapopt.problem import SAP
-from sapopt.types import IntArray
+from sapopt.data.feasibility import InfeasibleError, explain_infeasible
+from sapopt.data.types import IntArray
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
 
 LIMIT = 20_000_000
 """Assignments tried over all steps and states; beyond that the other methods are the right ones."""

@@ -7,11 +7,11 @@ from typing import Protocol
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import network, stays
 from sapopt.formulations.highs import Programme
 from sapopt.formulations.network import Network
 from sapopt.formulations.stays import Stays
-from sapopt.types import FloatArray, IntArray
 
 
 class Form(Protocol):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sapopt.feasibility import explain_infeasible
+from sapopt.data.feasibility import explain_infeasible
 from sapopt.formulations.highs import Ending, maximise
 from sapopt.formulations.network import Network
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
 
 
 def explain(problem: SAP, network: Network) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.stays import Stays
 from sapopt.solvers.exact.cuts import coefficients
-from sapopt.types import FloatArray, IntArray
 
 _BATCH = 800
 """Stays that are added at a time."""

@@ -11,12 +11,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sapopt.control import Run
+from sapopt.data.types import IntArray
 from sapopt.formulations.highs import Answer, Ending, maximise
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
 from sapopt.solvers.exact.forms import Form
 from sapopt.solvers.exact.warm import Incumbent
-from sapopt.types import IntArray
 
 _POOL = 6
 _REACH = 0.002

@@ -10,17 +10,17 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from sapopt.control import Run
-from sapopt.dynamics.switching import SwitchingCost
-from sapopt.feasibility import InfeasibleError
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations import milp, network, qap
 from sapopt.formulations.highs import Ending, SolverError, maximise
-from sapopt.problem import SAP
-from sapopt.result import Status
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
 from sapopt.solvers.base import Outcome
 from sapopt.solvers.dual_decomposition import DualDecomposition
 from sapopt.solvers.exact import dp, infeasible, search, warm
-from sapopt.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
 

@@ -20,19 +20,19 @@ from typing import Any
 import numba
 import numpy as np
 
-from sapopt.control import Run
-from sapopt.feasibility import InfeasibleError
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import network as formulation
 from sapopt.formulations import stays
 from sapopt.formulations.highs import Answer, Ending, maximise
 from sapopt.formulations.network import Network, NetworkOracle
-from sapopt.problem import SAP
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
 from sapopt.solvers.exact import warm
 from sapopt.solvers.exact.branch_and_price import BranchAndPrice
 from sapopt.solvers.exact.forms import NetworkForm
 from sapopt.solvers.exact.infeasible import explain
 from sapopt.solvers.exact.neighbourhoods import Neighbourhoods
-from sapopt.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.stays import Stays
 from sapopt.solvers.exact.cuts import coefficients
 from sapopt.solvers.exact.dive import dive
 from sapopt.solvers.exact.master import Master, Relaxed
-from sapopt.types import FloatArray, IntArray
 
 _TRIED = (24, 16, 8)
 """Branches that are tried at a node: near the root, where a good choice pays most, in the middle, and deeper down."""

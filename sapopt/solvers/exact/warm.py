@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.control import Run
-from sapopt.feasibility import InfeasibleError
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.dual import ascend, rigorous_bound
 from sapopt.formulations.network import Network, NetworkOracle
-from sapopt.outlook import Policy, rollout
-from sapopt.problem import SAP
-from sapopt.result import Status
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
+from sapopt.running.outlook import Policy, rollout
 from sapopt.solvers.haal import HAAL
 from sapopt.solvers.policy import Greedy
-from sapopt.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
 

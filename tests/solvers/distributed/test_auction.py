@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from sapopt import SAP
-from sapopt.feasibility import InfeasibleError
-from sapopt.matrices import GainMatrix
-from sapopt.outlook import rollout
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.matrices import GainMatrix
+from sapopt.running.outlook import rollout
 from sapopt.solvers import HAA, DistributedAuction
 from sapopt.solvers.distributed import Faults
 

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sapopt import SAP, SwitchingCost, solve
-from sapopt.assignment import best_assignment
-from sapopt.benefits import Benefits
+from sapopt.data.assignment import best_assignment
+from sapopt.data.benefits import Benefits
+from sapopt.data.windows import WindowSums
 from sapopt.dynamics import SyntheticSwitching
-from sapopt.outlook import Outlook, WindowSums, rollout
+from sapopt.running.outlook import Outlook, rollout
 from sapopt.solvers import CBBA, HAA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.distributed import Faults, Network, Simulator, play
 from sapopt.solvers.distributed.common import Scene
@@ -113,7 +114,7 @@ def test_loss_and_delay_cost_rounds_only(case: dict[str, Any], loss: float, dela
 
 def test_seeded() -> None:
     """The same seed gives the same traffic, another seed another."""
-    from sapopt.control import Run
+    from sapopt.running.control import Run
 
     problem = SAP(np.random.default_rng(0).random((3, 8, 10)), 0.3)
     policy = HAALD(2, 0.01, ring(8), faults=Faults(0.3, 1))

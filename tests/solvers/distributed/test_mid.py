@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from sapopt import SAP
-from sapopt.assignment import best_assignment
+from sapopt.data.assignment import best_assignment
+from sapopt.data.windows import WindowSums
 from sapopt.domains.instances import scenario
-from sapopt.outlook import Outlook, WindowSums
+from sapopt.running.outlook import Outlook
 from sapopt.solvers import CBBA, HAAL, HAALD, DistributedDualLookahead
 from sapopt.solvers.distributed import play
 from sapopt.solvers.distributed.common import begin, open_step
@@ -67,7 +68,7 @@ def test_values_of_the_whole_orbit() -> None:
             DistributedDualLookahead(6, EPSILON, graphs),
         )
     }
-    from sapopt.outlook import rollout
+    from sapopt.running.outlook import rollout
 
     haal = problem.evaluate(rollout(problem, HAAL(3)).plan).value
     assert value["HAALD"] == pytest.approx(haal, rel=0.05)

@@ -1,0 +1,198 @@
+"""The face of the library: solve a problem, bound it, certify a result."""
+
+from __future__ import annotations
+
+import numbers
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+from sapopt.data.types import FloatArray
+from sapopt.dynamics.paths.oracles import is_agent_local
+from sapopt.formulations.bounds import dual_bound, stepwise_bound
+from sapopt.problem.result import Result
+from sapopt.problem.sap import SAP
+from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prove
+from sapopt.running.control import Callback, Run, interruptible
+from sapopt.running.outlook import Forecast, Policy, rollout
+from sapopt.solvers.base import Outcome, Planner, Solver
+
+
+def solve(
+    problem: SAP,
+    solver: Solver,
+    *,
+    seed: int = 0,
+    time_limit: float | None = None,
+    progress: bool = False,
+    callback: Callback | None = None,
+    forecast: Forecast | None = None,
+    start: Any = None,
+) -> Result:
+    """Solve a problem with one method.
+
+    Parameters
+    ----------
+    problem : SAP
+    solver : Policy or Planner
+        For example ``HAAL(lookahead=6)``.
+    seed : int
+        Seed of everything random in the solver.
+    time_limit : float, optional
+        Seconds; when they are over the best plan so far is returned.
+    progress : bool
+        Show a progress bar on standard error.
+    callback : callable, optional
+        Called with a `Progress`; returning True ends the run with its incumbent.
+    forecast : callable, optional
+        For policies: what they see of the future, see `sapopt.running.outlook.Forecast`. The plan is always played
+        and scored on the true benefits.
+    start : array_like of shape (T, n) or Result, optional
+        For planners: a plan to start from; the result is never worse.
+
+    Returns
+    -------
+    Result
+        Checked and scored by `SAP.evaluate`.
+
+    Raises
+    ------
+    ValueError
+        If an argument does not fit the problem or the solver.
+    """
+    _check_common(problem, time_limit, seed)
+    if isinstance(solver, type):
+        raise ValueError(f"solver: pass an instance, such as {solver.__name__}(...), not the class")
+    is_policy = isinstance(solver, Policy)
+    if not is_policy and not isinstance(solver, Planner):
+        raise ValueError(f"solver must be a policy or a planner such as HAAL(lookahead=3), got {solver!r}")
+    if is_policy and start is not None:
+        raise ValueError(f"start: {solver.name} decides step by step and takes no plan to start from")
+    if not is_policy and forecast is not None:
+        raise ValueError(f"forecast: {solver.name} plans the whole horizon and takes no forecast")
+    plan = None if start is None else problem.check_plan(start.plan if isinstance(start, Result) else start)
+    with _display(progress, solver.name, callback) as report:
+        run = Run(seed, time_limit, report, plan)
+        with interruptible(run):
+            if isinstance(solver, Policy):
+                played = rollout(problem, solver, run, forecast)
+                outcome = Outcome(played.plan, played.status, trace=played.trace)
+            else:
+                outcome = solver.plan(problem, run)
+        runtime = run.seconds
+    return Result(
+        outcome.plan, problem.evaluate(outcome.plan), outcome.status, runtime, solver.name, outcome.bound,
+        outcome.trace, seed, outcome.prices, problem,
+    )  # fmt: skip
+
+
+def _display(progress: bool, name: str, callback: Callback | None) -> AbstractContextManager[Callback | None]:
+    if not progress:
+        return nullcontext(callback)
+    from sapopt.running.display import progress_bar
+
+    return progress_bar(name, callback)
+
+
+def bound(
+    problem: SAP,
+    *,
+    time_limit: float | None = None,
+    progress: bool = False,
+    callback: Callback | None = None,
+    prices: FloatArray | None = None,
+    seed: int = 0,
+    device: str = "cpu",
+) -> Bound:
+    """A proven upper bound of the optimal value of this very problem.
+
+    For agent-local dynamics (every `SwitchingCost`) the Lagrangian dual of the task capacities is minimised
+    (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken.
+
+    Parameters
+    ----------
+    problem : SAP
+    time_limit : float, optional
+        Seconds; the best bound so far is returned, and it is as valid as any.
+    progress : bool
+        Show progress on standard error.
+    callback : callable, optional
+        Called with a `Progress`; returning True ends the run.
+    prices : ndarray, shape (T, m), optional
+        Prices to start from, for example those of an earlier bound.
+    seed : int
+    device : str
+        Where the agents' paths are computed: "cpu" (compiled kernels), or a torch device such as "cuda", see
+        `sapopt.dynamics.switching.torch_paths`.
+
+    Returns
+    -------
+    Bound
+
+    Raises
+    ------
+    ValueError
+        If nothing can be proven about the dynamics (the message says what it has to declare), or the device is not
+        available or does not take the dynamics.
+    ImportError
+        If the device needs torch and it is not installed.
+    """
+    _check_common(problem, time_limit, seed)
+    with _display(progress, "bound", callback) as report:
+        run = Run(seed, time_limit, report)
+        with interruptible(run):
+            if not is_agent_local(problem.model):
+                return stepwise_bound(problem, run)
+            return dual_bound(problem, run, prices, device)
+
+
+def certify(
+    problem: SAP,
+    result: Result,
+    *,
+    prices: FloatArray | None = None,
+    time_limit: float | None = None,
+    progress: bool = False,
+) -> Certificate:
+    """Prove how far a result is from the optimum, in a form that anyone can check with `verify`.
+
+    Parameters
+    ----------
+    problem : SAP
+    result : Result
+    prices : ndarray, shape (T, m), optional
+        Task prices that prove a bound; by default those of the result, and if it has none those of `bound`.
+    time_limit : float, optional
+        Seconds for `bound`, if it has to be computed.
+    progress : bool
+        Show progress on standard error.
+
+    Returns
+    -------
+    Certificate
+        Value and bound computed from the definitions.
+
+    Raises
+    ------
+    CertificateError
+        If the plan does not fit the problem, or the dynamics is not agent-local.
+    """
+    if prices is None:
+        prices = result.prices
+    if prices is None:
+        prices = bound(problem, time_limit=time_limit, progress=progress).prices
+    if prices is None:
+        raise CertificateError(
+            f"dynamics: {type(problem.dynamics).__name__} is not agent-local, so no prices prove a bound"
+        )
+    return prove(problem, result.plan, prices, result.solver)
+
+
+def _check_common(problem: SAP, time_limit: float | None, seed: int) -> None:
+    if not isinstance(problem, SAP):
+        raise ValueError(
+            f"problem must be a SAP, got {type(problem).__name__}; build one with SAP(benefits, cost)"
+        )
+    if time_limit is not None and not (isinstance(time_limit, numbers.Real) and time_limit > 0):
+        raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r}")
+    if not isinstance(seed, numbers.Integral) or seed < 0:
+        raise ValueError(f"seed must be a whole number of at least 0, got {seed!r}")

@@ -1,0 +1,1 @@
+"""Data under the models: arrays, benefits, matrices, assignments, files."""

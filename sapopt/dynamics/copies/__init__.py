@@ -1,0 +1,1 @@
+"""Agents and tasks that are copies of one another."""

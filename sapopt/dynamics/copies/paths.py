@@ -1,0 +1,112 @@
+"""Longest priced paths of agents under a `SyntheticSwitching` that is local to the agents.
+
+The charge of a move depends on where it leads, never on where it comes from, so one maximum over all tasks serves every
+state: O(T m) an agent. Where an agent must see what it acquires and idling costs nothing, the tasks out of sight are
+alike, and O(T (R + tasks in sight)) is enough (`synthetic_seen_kernels`), R the number of real tasks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.copies import hard as kernels
+from sapopt.dynamics.copies import seen as seen
+from sapopt.dynamics.switching.paths import flat_benefits
+
+if TYPE_CHECKING:
+    from sapopt.dynamics.copies.model import SyntheticSwitching
+
+
+class SyntheticPaths:
+    """Path oracle (`sapopt.dynamics.paths.oracles.SoftPathOracle` and `FirstValueOracle`).
+
+    Parameters
+    ----------
+    benefits : Benefits or (T, n, m) float array
+        The window's benefits.
+    dynamics : SyntheticSwitching
+        Without copies of agents.
+    state : (n,) int array or None
+        Real tasks held before the first step, -1 for none; None makes the first step free.
+    """
+
+    def __init__(self, benefits: Any, dynamics: SyntheticSwitching, state: IntArray | None) -> None:
+        self.indptr, self.indices, self.data, self._shape = flat_benefits(benefits)
+        T, n, m = self._shape
+        self.real = np.ascontiguousarray(dynamics.real_tasks(m), dtype=np.int64)
+        self.count = int(self.real.max()) + 1
+        self.rule = (
+            float(dynamics.cost), float(dynamics.forfeit), bool(dynamics.idle_is_free), bool(dynamics.needs_sight)
+        )  # fmt: skip
+        self.sparse = self.rule[3] and (self.rule[0] == 0.0 or self.rule[2])
+        if state is None:
+            self.start = np.full(n, self.count + 1, dtype=np.int64)
+        else:
+            self.start = np.where(state < 0, self.count, state).astype(np.int64)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(T, n, m) of the window."""
+        return self._shape
+
+    @property
+    def scale(self) -> float:
+        """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
+        finite = self.data[np.isfinite(self.data)]
+        return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+
+    @property
+    def coldest(self) -> float:
+        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
+        highest = float(np.max(self.data[np.isfinite(self.data)], initial=0.0))
+        return (self.rule[0] + max(self.rule[1], 1e-2) * highest) / 300.0
+
+    def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
+        return self._paths(np.arange(self._shape[1]), prices)
+
+    def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
+        """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
+        values, plan = self._paths(np.array([agent]), prices)
+        return float(values[0]), plan[:, 0]
+
+    def first_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
+        out, p = np.empty(self._shape[1:]), self._prices(prices)
+        if self.sparse:
+            seen.first_values(*self._rows(), p, np.argsort(p, axis=1), out)
+        else:
+            kernels.first_values(*self._rows(), p, out)
+        return out
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
+        p = self._prices(prices)
+        values, usage = np.empty(self._shape[1]), np.zeros(p.shape)
+        which = seen.soft_paths if self.sparse else kernels.soft_paths
+        which(*self._rows(), p, np.exp(-p / temperature), float(temperature), values, usage)
+        return values, usage
+
+    def _paths(self, agents: IntArray, prices: FloatArray) -> tuple[FloatArray, IntArray]:
+        values = np.empty(len(agents))
+        plan = np.empty((self._shape[0], len(agents)), dtype=np.int64)
+        p = self._prices(prices)
+        if self.sparse:
+            seen.paths(agents, *self._rows(), p, np.argsort(p, axis=1), values, plan)
+        else:
+            kernels.paths(agents, *self._rows(), p, values, plan)
+        return values, plan
+
+    def _rows(self) -> tuple[Any, ...]:
+        n = self._shape[1]
+        return n, self.indptr, self.indices, self.data, self.real, self.count, self.rule, self.start
+
+    def _prices(self, prices: FloatArray) -> FloatArray:
+        T, _, m = self._shape
+        p = np.ascontiguousarray(prices, dtype=np.float64)
+        if p.shape != (T, m):
+            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
+        return p

@@ -1,0 +1,1 @@
+"""States that are not an agent's own."""

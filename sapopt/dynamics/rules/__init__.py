@@ -1,0 +1,1 @@
+"""Dynamics given by one rule for an agent: `AgentLocal` and those built on it."""

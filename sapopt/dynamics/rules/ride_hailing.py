@@ -1,0 +1,122 @@
+"""Ride-hailing: where a driver is, and until when it is busy, decides which rides it can take (thesis, 7.1.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.dynamics.rules.agent_local import AgentLocal
+
+if TYPE_CHECKING:
+    from sapopt.dynamics.base import Setting
+
+
+@dataclass(frozen=True, eq=False)
+class RideHailing(AgentLocal):
+    """Drivers take rides, which carry them through the city.
+
+    Task r is a request. It is on offer at the one step at which it has a benefit, the step it comes in; who takes it
+    must be able to be at the pick-up at most `patience` steps later, also a driver who has to finish another ride
+    first. The driver pays `cost` for every step of empty driving to the pick-up, is busy until the drop-off, and is
+    free there. A driver sent to a request that it cannot reach in time stays where it is and gets nothing. A request
+    that nobody takes is gone. (Were requests to wait on offer for several steps, "already served" would be a state that
+    all agents share, and the capacity of a task, which holds for each step, would not keep two drivers off one
+    request.)
+
+    The local state is the place where a driver is or will be free, and when.
+
+    Parameters
+    ----------
+    travel : array_like of int, shape (V, V)
+        Steps from place to place, not negative, 0 only on the diagonal.
+    pick_up, drop_off : array_like of int, shape (R,)
+        Places of the requests, which are the tasks 0 .. R - 1. Later tasks are for idling.
+    home : array_like of int, shape (n,)
+        Where the drivers start, free.
+    patience : int
+        Most steps between a request and its pick-up.
+    cost : float
+        Cost of one step of empty driving, not negative.
+
+    Raises
+    ------
+    ValueError
+        If a place does not exist, or a number is out of range.
+    """
+
+    travel: IntArray
+    pick_up: IntArray
+    drop_off: IntArray
+    home: IntArray
+    patience: int = 3
+    cost: float = 1.0
+    agents_alike = True
+
+    def __post_init__(self) -> None:
+        for name in ("travel", "pick_up", "drop_off", "home"):
+            object.__setattr__(self, name, index_array(getattr(self, name), name))
+        travel = self.travel
+        if travel.ndim != 2 or travel.shape[0] != travel.shape[1] or (travel < 0).any():
+            raise ValueError(
+                f"travel must be a (V, V) array of steps, not negative, got shape {travel.shape}"
+            )
+        if np.diagonal(travel).any() or (travel + np.eye(len(travel), dtype=np.int64) == 0).any():
+            raise ValueError(
+                "travel must be 0 on the diagonal and at least 1 elsewhere; merge places that are one"
+            )
+        for name in ("pick_up", "drop_off", "home"):
+            places = getattr(self, name)
+            if places.ndim != 1 or (len(places) and not (places.min() >= 0 and places.max() < len(travel))):
+                raise ValueError(f"{name} must be a list of places in 0..{len(travel) - 1}")
+        if len(self.pick_up) != len(self.drop_off):
+            raise ValueError(
+                f"drop_off has {len(self.drop_off)} places for {len(self.pick_up)} pick-ups; give one each"
+            )
+        if isinstance(self.patience, bool) or int(self.patience) != self.patience or self.patience < 0:
+            raise ValueError(f"patience must be a whole number of steps, not negative, got {self.patience!r}")
+        cost = real_array(self.cost, "cost")
+        if cost.ndim or not np.isfinite(cost) or cost < 0:
+            raise ValueError(f"cost must be one finite number, not negative, got {self.cost!r}")
+        object.__setattr__(self, "cost", float(cost))
+
+    def __repr__(self) -> str:
+        return f"RideHailing({len(self.travel)} places, patience={self.patience}, cost={self.cost})"
+
+    def validate(self, problem: Setting) -> None:
+        """Check that drivers and requests fit the problem, and that no request is on offer twice."""
+        if len(self.home) != problem.n:
+            raise ValueError(f"home has {len(self.home)} places for {problem.n} drivers")
+        flat = problem.benefits.flat()
+        if int(flat.indices.max(initial=-1)) >= len(self.pick_up):
+            raise ValueError(
+                f"pick_up has {len(self.pick_up)} places, but task {flat.indices.max()} has a benefit as well"
+            )
+        if len(flat.data) and flat.data.min() < 0:
+            raise ValueError(
+                "benefits must not be negative here; leave requests out that are not worth their way"
+            )
+        step = np.repeat(np.arange(problem.T), np.diff(flat.indptr[:: problem.n]))
+        offers = np.unique(step * problem.m + flat.indices) % problem.m
+        if len(np.unique(offers)) < len(offers):
+            raise ValueError("benefits: a request may be on offer (have a benefit) at one step only")
+
+    def start(self, problem: Setting) -> IntArray:
+        """All drivers are free at home; an initial assignment tells nothing about them."""
+        return self.home.copy()
+
+    def rule(
+        self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Drive to the pick-up and on to the drop-off, or stay. The local state is ``free * V + place``."""
+        free, place = np.divmod(local, len(self.travel))
+        free = np.maximum(free, k)
+        request = np.where(benefit > 0, task, 0)
+        pick, drop = self.pick_up[request], self.drop_off[request]
+        empty = self.travel[place, pick]
+        goes = (benefit > 0) & (free + empty <= k + self.patience)
+        eta = np.where(goes, -self.cost * empty, np.where(benefit > 0, -benefit, 0.0))
+        done = np.where(goes, free + empty + self.travel[pick, drop], free)
+        return eta, np.maximum(done, k + 1) * len(self.travel) + np.where(goes, drop, place)

@@ -1,0 +1,1 @@
+"""Changing task costs: the previous assignment is the state."""

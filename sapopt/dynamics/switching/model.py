@@ -1,0 +1,169 @@
+"""The simple handover model of the thesis: changing task costs, and the state is the previous assignment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from sapopt.data.benefits import Benefits, dense_step
+from sapopt.data.types import FloatArray, IntArray, real_array
+
+if TYPE_CHECKING:
+    from sapopt.data.matrices import Matrix
+    from sapopt.data.windows import WindowSums
+    from sapopt.dynamics.base import Setting
+
+Held = IntArray | None
+"""State: the previous assignment, shape (n,); None before a first step that pays no handover."""
+
+
+@dataclass(frozen=True, eq=False)
+class SwitchingCost:
+    """Charge every change of task (thesis, section 2.3: eta(s)_ij = -cost unless agent i held task j).
+
+    For another rule write a dynamics of your own rather than a subclass: solvers use the sparse form of this very rule.
+
+    Parameters
+    ----------
+    cost : float or array_like of shape (m, m)
+        Not negative. Entry ``[a, b]`` of a matrix is the cost of moving from task a to task b; its diagonal is zero.
+    idle_is_free : bool
+        Charge only a move to a task whose benefit at that step is positive (thesis, section 6.3). An idle agent may
+        then take the task it will serve next before that task is worth anything, and never pays for it.
+
+    Raises
+    ------
+    ValueError
+        If a cost is negative or not finite, or the matrix is not square with a zero diagonal.
+    """
+
+    handover_limit: ClassVar[float] = 0.0
+    """Largest entry that the handover matrix can have."""
+
+    cost: float | FloatArray
+    idle_is_free: bool = False
+    benefits: Benefits | None = field(default=None, repr=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        cost = real_array(self.cost, "cost")
+        if cost.ndim == 2 and cost.shape[0] == cost.shape[1]:
+            if np.diagonal(cost).any():
+                raise ValueError(
+                    "cost: the diagonal must be zero, since staying on a task is no change of task"
+                )
+        elif cost.ndim != 0:
+            raise ValueError(f"cost must be a number or an (m, m) matrix, got shape {cost.shape}")
+        if not isinstance(self.idle_is_free, (bool, np.bool_)):
+            raise ValueError(f"idle_is_free must be True or False, got {self.idle_is_free!r}")
+        if not np.isfinite(cost).all() or (cost < 0).any():
+            raise ValueError("cost must be finite and not negative (it is subtracted from the benefit)")
+        object.__setattr__(self, "cost", float(cost) if cost.ndim == 0 else cost)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether every charged move costs the same."""
+        return isinstance(self.cost, float)
+
+    def validate(self, problem: Setting) -> None:
+        """Check that the cost fits the number of tasks."""
+        if not self.is_uniform and np.shape(self.cost) != (problem.m, problem.m):
+            raise ValueError(f"cost has shape {np.shape(self.cost)}, but the benefits have {problem.m} tasks")
+
+    def bind(self, benefits: Benefits) -> SwitchingCost:
+        """A copy that knows the benefits, for their shape and, if idling is free, their signs."""
+        return replace(self, benefits=benefits)
+
+    def initial_state(self, problem: Setting) -> Held:
+        """The initial assignment, or None."""
+        return problem.initial_assignment
+
+    def transition(self, k: int, state: Held, assignment: IntArray) -> Held:
+        """The assignment itself."""
+        return assignment
+
+    def key(self, state: Held) -> bytes:
+        """Fingerprint of a state."""
+        return b"" if state is None else state.tobytes()
+
+    def handover(self, k: int, state: Held) -> FloatArray:
+        """Handover matrix, shape ``(n, m)``; zero if `state` is None."""
+        benefits = self._bound()
+        _, n, m = benefits.shape
+        if state is None:
+            return np.zeros((n, m))
+        if self.is_uniform:
+            eta = np.full((n, m), -float(self.cost))
+            eta[np.arange(n), state] = 0.0
+        else:
+            eta = -np.asarray(self.cost)[state]
+        if self.idle_is_free:
+            eta = np.where(dense_step(benefits.step(k)) > 0, eta, 0.0)
+        return eta + 0.0  # no negative zeros
+
+    def handover_at(self, k: int, state: Held, assignment: IntArray) -> FloatArray:
+        """Handover of every agent under an assignment, shape ``(n,)``."""
+        if state is None:
+            return np.zeros(len(assignment))
+        if self.is_uniform:
+            eta = np.where(assignment == state, 0.0, -float(self.cost))
+        else:
+            eta = -np.asarray(self.cost)[state, assignment]
+        if self.idle_is_free:
+            worth = self._bound().slice(k, k + 1).at(assignment[None])[0]
+            eta = np.where(worth > 0, eta, 0.0)
+        return eta
+
+    def interval(self, windows: WindowSums, start: int, stop: int, state: Held) -> Matrix:
+        """Benefit of holding one assignment over ``start .. stop - 1``: window sum plus the handover at `start`."""
+        from sapopt.data.matrices import GainMatrix
+
+        if not windows.is_sparse or not self.is_uniform:
+            return windows.dense(start, stop) + self._dense_handover(windows, start, state)
+        from sapopt.kernels.windows import listed_gain
+
+        cost = float(self.cost)
+        n, m = windows.n, windows.m
+        if state is None:
+            rows = windows.gains(start, stop, 0.0)
+            return GainMatrix(*rows.arrays, np.full(n, -1), np.zeros(n), 0.0, m, rows.has_negative)
+        plain = windows.gains(start, stop, 0.0)
+        if self.idle_is_free:
+            held_gain = listed_gain(*plain.arrays, state, 0.0)
+            rows = windows.gains(start, stop, cost)
+            return GainMatrix(*rows.arrays, state, held_gain, 0.0, m, rows.has_negative)
+        held_gain = listed_gain(*plain.arrays, state, cost)
+        return GainMatrix(*plain.arrays, state, held_gain, -cost, m, plain.has_negative)
+
+    def path_oracle(self, benefits: Benefits, state: Held) -> Any:
+        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`).
+
+        Raises
+        ------
+        ValueError
+            If a subclass charges something else and has no local_model: the paths are those of this very rule.
+        """
+        from sapopt.dynamics.paths.oracles import compiled
+        from sapopt.dynamics.switching.paths import oracle
+
+        for rule in ("handover", "handover_at", "transition"):
+            if getattr(type(self), rule) is not getattr(SwitchingCost, rule):
+                if hasattr(self, "local_model"):
+                    return compiled(benefits, self.local_model(benefits, state))
+                raise ValueError(
+                    f"dynamics: {type(self).__name__} changes {rule} of SwitchingCost, whose paths would prove a wrong "
+                    "bound for it; give it a local_model"
+                )
+        return oracle(benefits, self, state)
+
+    def _dense_handover(self, windows: WindowSums, start: int, state: Held) -> FloatArray:
+        if state is None:
+            return np.zeros((windows.n, windows.m))
+        strict = replace(self, idle_is_free=False, benefits=windows.benefits).handover(start, state)
+        return strict * (windows.dense(start, start + 1) > 0) if self.idle_is_free else strict
+
+    def _bound(self) -> Benefits:
+        if self.benefits is None:
+            raise ValueError("this SwitchingCost belongs to no problem yet; ask problem.handover(k, state)")
+        return self.benefits

@@ -1,0 +1,1 @@
+"""The sequential assignment problem, and what a solver returns for it."""

@@ -1,0 +1,198 @@
+"""What a solver returns, and how it is scored."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sapopt.data.files import read_npz, write_npz
+from sapopt.data.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from sapopt.problem.sap import SAP
+
+
+class Status(enum.Enum):
+    """How a solver ended. A result always holds a feasible plan, whatever its status."""
+
+    OPTIMAL = "optimal"
+    FEASIBLE = "feasible"
+    TIME_LIMIT = "time limit"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def message(self) -> str:
+        """What the status means, and what to do next."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Status.OPTIMAL: "The plan is proven optimal within the tolerance.",
+    Status.FEASIBLE: "The method ran to its end; bound(problem) tells how far its value is from optimal.",
+    Status.TIME_LIMIT: "The time limit ended the run; the plan is the best found so far, more time may improve it.",
+    Status.INTERRUPTED: "The run was interrupted; the plan is the best found so far.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The score of a plan.
+
+    Attributes
+    ----------
+    value : float
+        Total benefit plus total handover.
+    benefit : ndarray, shape (T,)
+        Benefit of every step.
+    handover : ndarray, shape (T,)
+        Sum of the handover matrix over the pairs held at every step; negative where it costs.
+    handovers : int
+        Changes of task, counted from the plan (from the initial assignment on, if there is one).
+    """
+
+    value: float
+    benefit: FloatArray
+    handover: FloatArray
+    handovers: int
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A plan with its score and what is known about the optimum.
+
+    Attributes
+    ----------
+    plan : ndarray of int64, shape (T, n)
+        Task of every agent at every step.
+    value : float
+        Total value, from `SAP.evaluate`.
+    evaluation : Evaluation
+        The score step by step.
+    status : Status
+    bound : float or None
+        Proven upper bound of the optimal value, if the solver or the caller computed one.
+    runtime : float
+        Seconds.
+    trace : list of dict
+        One record per step of a policy or per iteration of a planner, with equal keys throughout.
+    solver : str
+        Name of the method with its options.
+    seed : int
+    prices : ndarray or None, shape (T, m)
+        Task prices that prove the bound, if the solver found some.
+    problem : SAP or None
+        The problem that was solved. Files and pickles leave it out, so that they stay small.
+    """
+
+    plan: IntArray
+    evaluation: Evaluation
+    status: Status
+    runtime: float
+    solver: str
+    bound: float | None = None
+    trace: list[dict[str, Any]] = field(default_factory=list, repr=False)
+    seed: int = 0
+    prices: FloatArray | None = field(default=None, repr=False)
+    problem: SAP | None = field(default=None, repr=False)
+
+    @property
+    def value(self) -> float:
+        """Total value of the plan."""
+        return self.evaluation.value
+
+    @property
+    def handovers(self) -> int:
+        """Changes of task in the plan."""
+        return self.evaluation.handovers
+
+    @property
+    def gap(self) -> float | None:
+        """``(bound - value) / |bound|``, or None without a bound."""
+        if self.bound is None:
+            return None
+        if self.bound == 0:
+            return 0.0 if self.value == 0 else float("inf")
+        return (self.bound - self.value) / abs(self.bound)
+
+    def __repr__(self) -> str:
+        proof = "" if self.bound is None else f", bound={self.bound:.6g}, gap={100 * (self.gap or 0):.3g} %"
+        steps, n = self.plan.shape
+        return (
+            f"Result({self.solver}: value={self.value:.6g}{proof}, handovers={self.handovers}, "
+            f"status={self.status.value}, T={steps}, n={n}, {self.runtime:.3g} s)"
+        )
+
+    def with_bound(self, bound: float, prices: FloatArray | None = None) -> Result:
+        """The same result with a bound known from elsewhere, and the prices that prove it; the tighter one stays."""
+        if self.bound is not None and self.bound <= bound:
+            return self
+        return replace(self, bound=bound, prices=self.prices if prices is None else prices)
+
+    def report(self, path: str | Path, problem: SAP | None = None, **options: Any) -> Path:
+        """Write the result as one HTML page to look at; see `sapopt.report.report`, which also compares several.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write.
+        problem : SAP, optional
+            The problem that was solved; needed only if the result was read from a file.
+        **options
+            ``scenario`` (gives a map), ``bound``, ``prices``, ``title`` and ``force`` of `sapopt.report.report`.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError
+            If the problem is not known or not the one that was solved, or the file exists and `force` is not given.
+        """
+        # The one import upwards: the page is made of problem and result alone.
+        from sapopt.report import report
+
+        known = self.problem if problem is None else problem
+        if known is None:
+            raise ValueError(
+                "problem: a result that was read from a file does not hold its problem; pass it, for example "
+                "result.report(path, SAP.load(...))"
+            )
+        return report(known, self, path, **options)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "problem": None}
+
+    def save(self, path: str | Path) -> None:
+        """Write the result to an ``.npz`` file, without its problem (`SAP.save` writes that)."""
+        meta = {
+            "format": "sapopt-result-1", "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
+            "bound": self.bound, "seed": self.seed, "value": self.value, "handovers": self.handovers,
+            "trace": self.trace,
+        }  # fmt: skip
+        arrays = {"plan": self.plan, "benefit": self.evaluation.benefit, "handover": self.evaluation.handover}
+        if self.prices is not None:
+            arrays["prices"] = self.prices
+        write_npz(path, meta, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Result:
+        """Read a result written by `save`.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or holds something else.
+        """
+        meta, arrays = read_npz(path, "sapopt-result-1")
+        try:
+            score = Evaluation(meta["value"], arrays["benefit"], arrays["handover"], meta["handovers"])
+            return cls(
+                arrays["plan"], score, Status[meta["status"]], meta["runtime"], meta["solver"], meta["bound"],
+                meta["trace"], meta["seed"], arrays.get("prices"),
+            )  # fmt: skip
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{path}: damaged result file ({error})") from None

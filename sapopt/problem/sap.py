@@ -1,0 +1,369 @@
+"""The sequential assignment problem."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import numbers
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from sapopt import dynamics as dynamics_models
+from sapopt.data.benefits import Benefits, dense_step
+from sapopt.data.feasibility import explain_infeasible
+from sapopt.data.files import read_npz, write_npz
+from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.dynamics.base import Dynamics
+from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.result import Evaluation
+
+_FORMAT = "sapopt-problem-1"
+
+
+class SAP:
+    """A sequential assignment problem: n agents, m tasks, T steps, benefits that depend on the state.
+
+    At each step every agent takes exactly one task and no task is taken twice; the value of a plan is the sum of the
+    benefits and of the handover terms eta(s_k) of its pairs (thesis, eq. 2.1 to 2.4). Problems are immutable.
+
+    Parameters
+    ----------
+    benefits : array_like of shape (T, n, m), list of T sparse matrices, or Benefits
+        Static benefits, n <= m. ``-inf`` forbids a pair.
+    dynamics : Dynamics or float
+        State model, for example ``SwitchingCost(0.5)``; a number is the cost of a `SwitchingCost`.
+    initial_assignment : array_like of shape (n,), optional
+        Task that every agent holds before the first step. None: the first step pays no handover.
+    agents, tasks : sequence of str, optional
+        Labels for plots and reports.
+
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong shape or value, or forbidden pairs leave a step without a full assignment.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> problem = SAP(np.random.default_rng(0).random((6, 3, 4)), SwitchingCost(0.2))
+    >>> problem
+    SAP(T=6, n=3, m=4, SwitchingCost(cost=0.2, idle_is_free=False))
+    """
+
+    def __init__(
+        self,
+        benefits: Any,
+        dynamics: Dynamics | float = 0.0,
+        initial_assignment: Any = None,
+        *,
+        agents: Sequence[str] | None = None,
+        tasks: Sequence[str] | None = None,
+    ) -> None:
+        self.benefits = benefits if isinstance(benefits, Benefits) else Benefits(benefits)
+        self.T, self.n, self.m = self.benefits.shape
+        if self.n > self.m:
+            raise ValueError(
+                f"benefits: {self.n} agents cannot each have one of {self.m} tasks; "
+                "SAP.with_idle_tasks(benefits, ...) appends a zero-benefit task per agent"
+            )
+        if isinstance(dynamics, numbers.Real):
+            dynamics = SwitchingCost(float(dynamics))
+        if isinstance(dynamics, type):
+            raise ValueError(f"dynamics: pass an instance, such as {dynamics.__name__}(...), not the class")
+        if not isinstance(dynamics, Dynamics):
+            raise ValueError(
+                f"dynamics: {type(dynamics).__name__} needs the methods initial_state, handover and transition"
+            )
+        self.dynamics: Any = dynamics
+        if hasattr(dynamics, "validate"):
+            dynamics.validate(self)
+        self.initial_assignment = self._checked_initial(initial_assignment)
+        self.agents = _labels(agents, self.n, "agents")
+        self.tasks = _labels(tasks, self.m, "tasks")
+        self._check_forbidden()
+
+    @classmethod
+    def with_idle_tasks(
+        cls, benefits: Any, dynamics: Dynamics | float = 0.0, *args: Any, **kwargs: Any
+    ) -> SAP:
+        """Build a problem with one more task of zero benefit per agent, so that agents can idle (and n > m is allowed).
+
+        The appended tasks have the indices ``m .. m + n - 1``; other arguments are those of `SAP`.
+        """
+        wide = Benefits(benefits).with_idle_tasks()
+        labels = kwargs.get("tasks")
+        if labels is not None:
+            kwargs["tasks"] = [*labels, *(f"idle {i}" for i in range(wide.shape[1]))]
+        return cls(wide, dynamics, *args, **kwargs)
+
+    def __repr__(self) -> str:
+        return f"SAP(T={self.T}, n={self.n}, m={self.m}, {self.dynamics!r})"
+
+    @cached_property
+    def model(self) -> Any:
+        """The dynamics, bound to the benefits of this problem where it depends on them."""
+        return self.dynamics.bind(self.benefits) if hasattr(self.dynamics, "bind") else self.dynamics
+
+    def initial_state(self) -> Any:
+        """State before the first step."""
+        return self.model.initial_state(self)
+
+    def handover(self, k: int, state: Any) -> FloatArray:
+        """Handover matrix eta(s_k), shape ``(n, m)``."""
+        eta = real_array(self.model.handover(k, state), "dynamics.handover")
+        if eta.shape != (self.n, self.m):
+            raise ValueError(
+                f"dynamics.handover returned shape {eta.shape} at step {k}, expected {(self.n, self.m)}"
+            )
+        if np.isnan(eta).any() or np.isposinf(eta).any():
+            raise ValueError(f"dynamics.handover returned NaN or +inf at step {k}")
+        return eta
+
+    def transition(self, k: int, state: Any, assignment: IntArray) -> Any:
+        """State after `assignment` was held at step k."""
+        return self.model.transition(k, state, assignment)
+
+    def beta_hat(self, k: int, state: Any) -> FloatArray:
+        """State-dependent benefits of step k, shape ``(n, m)``: benefits plus handover matrix (thesis, eq. 2.4)."""
+        return dense_step(self.benefits.step(k)) + self.handover(k, state)
+
+    def evaluate(self, plan: Any) -> Evaluation:
+        """Score a plan.
+
+        Parameters
+        ----------
+        plan : array_like of int, shape (T, n)
+            Task of every agent at every step.
+
+        Returns
+        -------
+        Evaluation
+
+        Raises
+        ------
+        ValueError
+            If the plan has a wrong shape, a task out of range, a task given to two agents, or a forbidden pair.
+        """
+        tasks = self.check_plan(plan)
+        held = self.benefits.at(tasks)
+        eta = np.empty((self.T, self.n))
+        state = self.initial_state()
+        quick = getattr(self.model, "handover_at", None)
+        agents = np.arange(self.n)
+        for k in range(self.T):
+            eta[k] = self.handover(k, state)[agents, tasks[k]] if quick is None else quick(k, state, tasks[k])
+            state = self.transition(k, state, tasks[k])
+        forbidden = np.argwhere(~(np.isfinite(held) & np.isfinite(eta)))
+        if len(forbidden):
+            k, i = (int(x) for x in forbidden[0])
+            raise ValueError(
+                f"plan: agent {i} may not take task {tasks[k, i]} at step {k} (the pair is forbidden)"
+            )
+        previous = (
+            tasks[:-1]
+            if self.initial_assignment is None
+            else np.vstack([self.initial_assignment, tasks[:-1]])
+        )
+        handovers = int((tasks[len(tasks) - len(previous) :] != previous).sum())
+        try:
+            value = math.fsum(held.ravel()) + math.fsum(eta.ravel())
+        except OverflowError:
+            raise ValueError("benefits and handovers are so large that their sum overflows") from None
+        return Evaluation(value, held.sum(axis=1), eta.sum(axis=1), handovers)
+
+    def check_plan(self, plan: Any) -> IntArray:
+        """The plan as an int64 array, or a ValueError that says what is wrong with it."""
+        tasks = index_array(plan, "plan")
+        if tasks.shape != (self.T, self.n):
+            raise ValueError(f"plan must have shape (T, n) = {(self.T, self.n)}, got {tasks.shape}")
+        self._check_tasks(tasks, 0)
+        return tasks
+
+    def check_assignment(self, assignment: Any, k: int) -> IntArray:
+        """The assignment of step k as an int64 array, or a ValueError that says what is wrong with it."""
+        tasks = index_array(assignment, f"assignment at step {k}")
+        if tasks.shape != (self.n,):
+            raise ValueError(f"assignment at step {k} must have shape (n,) = ({self.n},), got {tasks.shape}")
+        self._check_tasks(tasks[None], k)
+        return tasks
+
+    def _check_tasks(self, tasks: IntArray, first: int) -> None:
+        """Check the tasks (steps, n) of the steps from `first` on."""
+        if tasks.min() < 0 or tasks.max() >= self.m:
+            k, i = (int(x) for x in np.argwhere((tasks < 0) | (tasks >= self.m))[0])
+            raise ValueError(
+                f"plan: task {tasks[k, i]} of agent {i} at step {first + k} is outside 0..{self.m - 1}"
+            )
+        ordered = np.sort(tasks, axis=1)
+        twice = np.argwhere(ordered[:, 1:] == ordered[:, :-1])
+        if len(twice):
+            k = int(twice[0, 0])
+            task = int(ordered[k, twice[0, 1]])
+            agents = ", ".join(map(str, np.flatnonzero(tasks[k] == task)))
+            raise ValueError(f"plan: task {task} is given to agents {agents} at step {first + k}")
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of everything that decides the value of a plan; equal for dense and sparse forms of one problem.
+
+        A user-defined dynamics tells what decides it by a method ``fingerprint()``: `sapopt.dynamics.base.Dynamics`.
+
+        Raises
+        ------
+        ValueError
+            If the dynamics is user-defined and does not tell.
+        """
+        digest = hashlib.sha256(_FORMAT.encode())
+        meta, arrays = _told(self.dynamics) if is_own(self.dynamics) else _described(self.dynamics)
+        digest.update(repr((self.T, self.n, self.m, sorted(meta.items()))).encode())
+        flat = self.benefits.flat()
+        for array in (flat.indptr, flat.indices, flat.data, self.initial_assignment, *arrays.values()):
+            digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+    def save(self, path: str | Path) -> None:
+        """Write the problem to an ``.npz`` file (sparse or dense, as it is).
+
+        Raises
+        ------
+        ValueError
+            If the dynamics is user-defined: files hold data, never code.
+        """
+        meta, arrays = _described(self.dynamics)
+        meta |= {
+            "format": _FORMAT,
+            "agents": self.agents,
+            "tasks": self.tasks,
+            "shape": [self.T, self.n, self.m],
+        }
+        if self.benefits.is_sparse:
+            flat = self.benefits.flat()
+            arrays |= {"indptr": flat.indptr, "indices": flat.indices, "data": flat.data}
+        else:
+            arrays["dense"] = self.benefits.dense()
+        if self.initial_assignment is not None:
+            arrays["initial_assignment"] = self.initial_assignment
+        write_npz(path, meta, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> SAP:
+        """Read a problem written by `save`.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or holds something else.
+        """
+        meta, arrays = read_npz(path, _FORMAT)
+        try:
+            if "dense" in arrays:
+                benefits = Benefits(arrays["dense"])
+            else:
+                benefits = Benefits.from_flat(
+                    arrays["indptr"], arrays["indices"], arrays["data"], meta["shape"]
+                )
+            return cls(
+                benefits, _rebuilt(meta, arrays), arrays.get("initial_assignment"),
+                agents=meta["agents"], tasks=meta["tasks"],
+            )  # fmt: skip
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{path}: damaged problem file ({error})") from None
+
+    def _checked_initial(self, initial: Any) -> IntArray | None:
+        if initial is None:
+            return None
+        tasks = index_array(initial, "initial_assignment")
+        if tasks.shape != (self.n,):
+            raise ValueError(f"initial_assignment must have shape (n,) = ({self.n},), got {tasks.shape}")
+        if tasks.min() < 0 or tasks.max() >= self.m:
+            raise ValueError(f"initial_assignment holds a task outside 0..{self.m - 1}")
+        values, counts = np.unique(tasks, return_counts=True)
+        if (counts > 1).any():
+            raise ValueError(f"initial_assignment gives task {values[counts > 1][0]} to two agents")
+        return tasks
+
+    def _check_forbidden(self) -> None:
+        if self.benefits.forbids():
+            for k in range(self.T):
+                reason = explain_infeasible(~np.isneginf(dense_step(self.benefits.step(k))))
+                if reason:
+                    raise ValueError(f"benefits at step {k}: {reason}; allow more pairs or append idle tasks")
+
+
+def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, ...] | None:
+    if labels is None:
+        return None
+    if isinstance(labels, str) or not isinstance(labels, Iterable):
+        raise ValueError(f"{name} must be a list of {count} labels, got {labels!r}")
+    out = tuple(str(x) for x in labels)
+    if len(out) != count:
+        raise ValueError(f"{name}: {len(out)} labels for {count} {name}")
+    return out
+
+
+def is_own(dynamics: Any) -> bool:
+    """Whether the dynamics is a user's, not one of sapopt."""
+    return getattr(dynamics_models, type(dynamics).__name__, None) is not type(dynamics)
+
+
+def _told(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a user's dynamics tells of itself by ``fingerprint()``, with its class name."""
+    name = type(dynamics).__name__
+    tell = getattr(dynamics, "fingerprint", None)
+    if not callable(tell):
+        raise ValueError(
+            f"dynamics: {name} is user-defined and has no fingerprint; give it a method fingerprint() that returns "
+            "everything that decides its values, such as ['version 1', self.loss]"
+        )
+    told = tell()
+    parts = [told] if isinstance(told, (str, numbers.Real, np.ndarray)) else told
+    meta: dict[str, Any] = {"own dynamics": name}
+    arrays: dict[str, Any] = {}
+    if not isinstance(parts, (list, tuple)) or not parts:
+        raise ValueError(f"dynamics: {name}.fingerprint() must return a text or a list, got {told!r}")
+    for place, part in enumerate(parts):
+        if isinstance(part, np.ndarray) and part.dtype.kind in "biuf":
+            meta[f"part {place}"] = (part.shape, part.dtype.str)
+            arrays[f"part {place}"] = part
+        elif isinstance(part, (str, bool, numbers.Real)):
+            meta[f"part {place}"] = part if isinstance(part, (str, bool)) else float(part)
+        else:
+            raise ValueError(
+                f"dynamics: {name}.fingerprint() may hold text, numbers and arrays of numbers, got {part!r}"
+            )
+    return meta, arrays
+
+
+def _described(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A built-in dynamics as plain values and arrays; private state (the bound benefits) is left out."""
+    name = type(dynamics).__name__
+    if is_own(dynamics):
+        raise ValueError(
+            f"dynamics: {name} is user-defined; only problems with dynamics of sapopt can be written"
+        )
+    meta: dict[str, Any] = {"dynamics": name}
+    arrays: dict[str, Any] = {}
+    for item in dataclasses.fields(dynamics):
+        value = getattr(dynamics, item.name)
+        if item.name == "benefits":
+            continue
+        if isinstance(value, np.ndarray) or sp.issparse(value):
+            arrays[f"dynamics.{item.name}"] = np.asarray(value)
+        else:
+            meta[f"dynamics.{item.name}"] = value
+    return meta, arrays
+
+
+def _rebuilt(meta: dict[str, Any], arrays: dict[str, Any]) -> Any:
+    name = meta["dynamics"]
+    if name not in dynamics_models.__all__ or not dataclasses.is_dataclass(getattr(dynamics_models, name)):
+        raise ValueError(f"unknown dynamics {name!r}; the file was written by another version")
+    prefix = "dynamics."
+    options = {key[len(prefix) :]: v for key, v in (meta | arrays).items() if key.startswith(prefix)}
+    return getattr(dynamics_models, name)(**options)

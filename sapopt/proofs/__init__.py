@@ -1,0 +1,1 @@
+"""Certificates, guarantees, and the plain implementation that checks them."""

@@ -1,0 +1,1 @@
+"""What a run is: its controls, what a policy may know, and what is shown meanwhile."""

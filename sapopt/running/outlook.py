@@ -1,0 +1,212 @@
+"""What a policy may know at a step, and the loop that plays a policy through a problem."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from sapopt.data.assignment import best_assignment
+from sapopt.data.benefits import Benefits
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.matrices import Matrix
+from sapopt.data.types import IntArray
+from sapopt.data.windows import WindowSums
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Expired, Run
+
+log = logging.getLogger(__name__)
+
+Forecast = Callable[[int, int], Any]
+"""``forecast(k, steps)``: predicted benefits of the steps ``k .. k + steps - 1`` as known at step k, shape
+``(steps, n, m)`` (array, list of sparse matrices, or Benefits)."""
+
+
+def _never() -> None:
+    """The check of an outlook that nobody waits for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Everything a policy may use to decide step `k`.
+
+    Attributes
+    ----------
+    k : int
+        Current step, 0-based.
+    end : int
+        Steps ``k .. end - 1`` are known or forecast.
+    state : object
+        Current state.
+    problem : SAP
+        For sizes, dynamics and labels. The true future benefits in it are not for policies.
+    windows : WindowSums
+        Known or forecast benefits.
+    parking : ndarray of int64, shape (m,)
+        Order in which idle agents try free tasks.
+    check : callable
+        Raises `sapopt.running.control.Expired` when the run is over. A policy whose step takes long calls it now and
+        then and lets the exception pass; the step then counts as not decided.
+    """
+
+    k: int
+    end: int
+    state: Any
+    problem: SAP
+    windows: WindowSums
+    parking: IntArray
+    check: Callable[[], None] = _never
+
+    @property
+    def model(self) -> Any:
+        """The dynamics."""
+        return self.problem.model
+
+    def benefits(self, steps: int) -> Benefits:
+        """Benefits of the next steps, at most `steps` of them, from step k on."""
+        return self.windows.slice(self.k, min(self.k + steps, self.end))
+
+    def interval(self, start: int, stop: int, state: Any) -> Matrix:
+        """Benefit of holding one assignment over ``start .. stop - 1``, entered in `state`."""
+        model = self.problem.model
+        if hasattr(model, "interval"):
+            matrix: Matrix = model.interval(self.windows, start, stop, state)
+            return matrix
+        return self.windows.dense(start, stop) + self.problem.handover(start, state)
+
+    def beta_hat(self) -> Matrix:
+        """State-dependent benefits of the current step."""
+        return self.interval(self.k, self.k + 1, self.state)
+
+    def assign(self, matrix: Matrix) -> IntArray:
+        """Alpha of a matrix for the current step."""
+        try:
+            return best_assignment(matrix, self.parking).tasks
+        except InfeasibleError as error:
+            raise InfeasibleError(f"step {self.k}: {error}") from None
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """Decides step by step. A policy is immutable; what it remembers between steps is its explicit memory.
+
+    A policy may have a method ``record(memory) -> dict``: what it says of every step goes into the trace, with equal
+    keys throughout.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name with options, for tables."""
+
+    def begin(self, problem: SAP, rng: np.random.Generator) -> Any:
+        """Memory before the first step."""
+
+    def act(self, outlook: Outlook, memory: Any) -> tuple[IntArray, Any]:
+        """Assignment of the current step and the next memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """A plan made by a policy, and how the run ended."""
+
+    plan: IntArray
+    status: Status
+    trace: list[dict[str, Any]] = field(default_factory=list)
+
+
+def rollout(
+    problem: SAP, policy: Policy, run: Run | None = None, forecast: Forecast | None = None
+) -> Rollout:
+    """Play a policy through a problem.
+
+    Parameters
+    ----------
+    problem : SAP
+    policy : Policy
+    run : Run, optional
+        Clock, seed and callback.
+    forecast : callable, optional
+        What the policy sees of the future, see `Forecast`; the true benefits by default. It is asked at every step.
+
+    Returns
+    -------
+    Rollout
+        If the time ends or the run is interrupted, the remaining steps keep the last assignment (or take alpha of the
+        benefits where a forbidden pair is in the way), so that the plan is always whole.
+    """
+    run = run or Run()
+    windows = WindowSums(problem.benefits)
+    memory = policy.begin(problem, run.rng)
+    state = problem.initial_state()
+    parking = np.arange(problem.m)
+    plan = np.empty((problem.T, problem.n), dtype=np.int64)
+    trace: list[dict[str, Any]] = []
+    total = 0.0
+    record: Callable[[Any], dict[str, Any]] = getattr(policy, "record", lambda _: {})
+    status = Status.FEASIBLE
+    done = 0  # steps that are decided, with `state` the state after them, wherever an interruption strikes
+    try:
+        for k in range(problem.T):
+            if run.expired:
+                status = Status.INTERRUPTED if run.stopped else Status.TIME_LIMIT
+                break
+            if forecast is not None:
+                windows = _forecast_windows(forecast, problem, k)
+            else:
+                windows.forget(before=k)
+            began = run.seconds
+            outlook = Outlook(k, windows.end, state, problem, windows, parking, run.check)
+            tasks, memory = policy.act(outlook, memory)
+            plan[k] = problem.check_assignment(tasks, k)
+            gain = _step_value(problem, k, state, plan[k])
+            total += gain
+            done, state = k + 1, problem.transition(k, state, plan[k])
+            seconds = run.seconds - began
+            trace.append({"step": k, "value": gain, "total": total, "seconds": seconds, **record(memory)})
+            run.report(k + 1, problem.T, total)
+    except KeyboardInterrupt:
+        status = Status.INTERRUPTED
+    except Expired:
+        status = Status.INTERRUPTED if run.stopped else Status.TIME_LIMIT
+    if done < problem.T:
+        log.warning(
+            "%s ended at step %d of %d; the last assignment is kept from there", policy.name, done, problem.T
+        )
+        _hold(problem, plan, done, state)
+    return Rollout(plan, status, trace)
+
+
+def _forecast_windows(forecast: Forecast, problem: SAP, k: int) -> WindowSums:
+    seen = Benefits(forecast(k, problem.T - k))
+    if seen.shape[1:] != (problem.n, problem.m) or seen.shape[0] > problem.T - k:
+        raise ValueError(
+            f"forecast({k}, {problem.T - k}) returned shape {seen.shape}, "
+            f"expected (1..{problem.T - k}, {problem.n}, {problem.m})"
+        )
+    return WindowSums(seen, first=k)
+
+
+def _step_value(problem: SAP, k: int, state: Any, tasks: IntArray) -> float:
+    held = problem.benefits.slice(k, k + 1).at(tasks[None])[0]
+    quick = getattr(problem.model, "handover_at", None)
+    if quick is not None:
+        return float(held.sum() + quick(k, state, tasks).sum())
+    return float(held.sum() + problem.handover(k, state)[np.arange(problem.n), tasks].sum())
+
+
+def _hold(problem: SAP, plan: IntArray, first: int, state: Any) -> None:
+    """Fill the steps from `first` on at no cost of thought."""
+    order = np.arange(problem.m)
+    forbids = problem.benefits.forbids() or not hasattr(problem.model, "handover_at")
+    previous = plan[first - 1] if first else problem.initial_assignment
+    for k in range(first, problem.T):
+        if previous is None or (forbids and not np.isfinite(_step_value(problem, k, state, previous))):
+            windows = WindowSums(problem.benefits.slice(k, k + 1), first=k)
+            outlook = Outlook(k, k + 1, state, problem, windows, order)
+            previous = outlook.assign(outlook.beta_hat())
+        plan[k] = previous
+        state = problem.transition(k, state, plan[k])

@@ -1,0 +1,242 @@
+"""Switching costs of copies: the rule, pair by pair; sparse, dense and compiled forms against it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import FORMS, arrays, as_form, plans_of, quarters, sizes, sparse_quarters
+
+from sapopt import SAP, SwitchingCost, bound, certify, solve, verify
+from sapopt.data.matrices import GainMatrix
+from sapopt.data.windows import WindowSums
+from sapopt.dynamics import SyntheticSwitching
+from sapopt.dynamics.paths.oracles import FirstValueOracle, LocalOracle, SoftPathOracle
+from sapopt.solvers import HAA, HAAL, DualLookahead, Exact, Greedy, NoHandover
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A problem as plain numbers."""
+
+    benefits: np.ndarray
+    options: dict[str, Any]
+    initial: tuple[int, ...] | None
+
+    def problem(self, form: str = "dense") -> SAP:
+        return SAP(as_form(self.benefits, form), SyntheticSwitching(**self.options), self.initial)
+
+    def label(self, which: str, index: int) -> int:
+        return index if self.options.get(which) is None else int(self.options[which][index])
+
+    def score(self, plan: Any) -> float:
+        """Value of a plan by the rule, in words: who held what is a set of (real agent, real task)."""
+        held = None
+        if self.initial is not None:
+            held = {(self.label("agent_of", i), self.label("task_of", j)) for i, j in enumerate(self.initial)}
+        total = 0.0
+        for k, row in enumerate(plan):
+            now = set()
+            for i, j in enumerate(row):
+                b = self.benefits[k, i, j]
+                total += b
+                pair = (self.label("agent_of", i), self.label("task_of", j))
+                if held is not None and pair not in held and (b > 0 or not self.options["idle_is_free"]):
+                    total -= self.options["cost"] + self.options["forfeit"] * max(b, 0.0)
+                if b > 0 or not self.options["needs_sight"]:
+                    now.add(pair)
+            held = now
+        return float(total)
+
+    def best(self) -> float:
+        """Value of the best of all plans."""
+        steps, n, m = self.benefits.shape
+        rows = list(permutations(range(m), n))
+        return max(self.score(plan) for plan in product(rows, repeat=steps))
+
+
+@st.composite
+def cases(draw: Any, plans: int = 10**9, groups: bool | None = None) -> Case:
+    """Small problems with and without copies of agents and tasks."""
+    steps, n, m = draw(sizes(plans, (3, 3, 4)))
+    benefits = draw(arrays((steps, n, m), draw(st.sampled_from([quarters, sparse_quarters]))))
+    grouped = draw(st.booleans()) if groups is None else groups
+    options = {
+        "cost": draw(st.sampled_from([0.0, 0.5, 1.25])),
+        "forfeit": draw(st.sampled_from([0.0, 0.5, 1.0])),
+        "agent_of": [draw(st.integers(0, 1)) for _ in range(n)] if grouped else None,
+        "task_of": draw(st.none() | st.lists(st.integers(0, 2), min_size=m, max_size=m)),
+        "idle_is_free": draw(st.booleans()),
+        "needs_sight": draw(st.booleans()),
+    }
+    initial = draw(st.none() | st.permutations(range(m)).map(lambda p: tuple(p[:n])))
+    return Case(benefits, options, initial)
+
+
+@settings(max_examples=30)
+@given(cases(), st.data())
+def test_evaluation_is_the_rule(case: Case, data: st.DataObject) -> None:
+    """Every form of the benefits gives the value of the rule; so do the full handover matrices."""
+    plan = data.draw(plans_of(case.benefits.shape))
+    for form in FORMS:
+        problem = case.problem(form)
+        found = problem.evaluate(plan)
+        assert found.value == pytest.approx(case.score(plan))
+        state, total = problem.initial_state(), 0.0
+        for k, row in enumerate(plan):
+            total += problem.beta_hat(k, state)[np.arange(problem.n), row].sum()
+            state = problem.transition(k, state, row)
+        assert total == pytest.approx(found.value)
+
+
+@settings(max_examples=30)
+@given(cases(), st.data())
+def test_intervals(case: Case, data: st.DataObject) -> None:
+    """The sparse matrix of an interval is the dense one: window sum plus the handover at its first step."""
+    steps, n, m = case.benefits.shape
+    start = data.draw(st.integers(0, steps - 1))
+    stop = data.draw(st.integers(start + 1, steps))
+    before = np.array(data.draw(st.permutations(range(m)))[:n])
+    for form in FORMS:
+        problem = case.problem(form)
+        state = problem.initial_state() if start == 0 else problem.transition(start - 1, None, before)
+        expected = case.benefits[start:stop].sum(axis=0) + problem.handover(start, state)
+        matrix = problem.model.interval(WindowSums(problem.benefits), start, stop, state)
+        if form.startswith("sparse"):
+            assert isinstance(matrix, GainMatrix), "a sparse problem must never become dense"
+        values = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix
+        np.testing.assert_allclose(values, expected, rtol=0, atol=1e-12)
+
+
+@settings(max_examples=12)
+@given(cases(plans=600))
+def test_exact_heuristics_and_bound(case: Case) -> None:
+    """Heuristic <= exact = best of all plans <= bound."""
+    problem, best = case.problem("sparse"), case.best()
+    found = solve(problem, Exact(method="dp"))
+    assert found.value == pytest.approx(best)
+    solvers: list[Any] = [HAA(), HAAL(2), Greedy(), NoHandover()]
+    if hasattr(problem.model, "path_oracle"):
+        solvers.append(DualLookahead(2, iterations=5))
+    for solver in solvers:
+        assert solve(problem, solver).value <= best + 1e-9
+    assert bound(problem, time_limit=0.1).value >= best - 1e-9
+
+
+@settings(max_examples=15)
+@given(cases(plans=500, groups=False))
+def test_network_and_certificate(case: Case) -> None:
+    """Without copies of agents the network solves it, and a certificate verifies with the plain recursion."""
+    problem = case.problem("sparse")
+    found = solve(problem, Exact())
+    assert found.value == pytest.approx(case.best())
+    certificate = certify(problem, found, time_limit=0.2)
+    assert certificate.value == pytest.approx(found.value)
+    assert certificate.bound >= found.value - 1e-9
+
+
+@given(cases(groups=False), st.data())
+def test_paths_are_those_of_the_plain_model(case: Case, data: st.DataObject) -> None:
+    """Values, plans and first values of the compiled oracle against the generic one; soft values against both."""
+    problem = case.problem("sparse")
+    T, n, m = case.benefits.shape
+    state = problem.initial_state()
+    oracle = problem.model.path_oracle(problem.benefits, state)
+    assert isinstance(oracle, SoftPathOracle)
+    assert isinstance(oracle, FirstValueOracle)
+    plain = LocalOracle(case.benefits, problem.model.local_model(problem.benefits, state))
+    prices = data.draw(arrays((T, m), st.integers(0, 8).map(lambda x: x / 4)))
+    values, plan = oracle.best_paths(prices)
+    np.testing.assert_allclose(values, plain.best_paths(prices)[0], atol=1e-12)
+    np.testing.assert_allclose(oracle.first_values(prices), plain.first_values(prices), atol=1e-12)
+    alone = {**case.options, "agent_of": None}
+    for i in range(n):
+        one = Case(case.benefits[:, [i]], alone, None if case.initial is None else (case.initial[i],))
+        paid = prices[np.arange(T), plan[:, i]].sum()
+        assert one.score(plan[:, [i]]) - paid == pytest.approx(values[i])
+        assert oracle.best_path(i, prices)[0] == pytest.approx(values[i])
+    warm, step = 0.7, 1e-6
+    soft, usage = oracle.soft_paths(prices, warm)
+    np.testing.assert_allclose(usage.sum(axis=1), n)
+    assert (soft >= values - 1e-9).all()
+    bump = np.zeros((T, m))
+    at = data.draw(st.integers(0, T - 1)), data.draw(st.integers(0, m - 1))
+    bump[at] = step
+    slope = (oracle.soft_paths(prices - bump, warm)[0] - oracle.soft_paths(prices + bump, warm)[0]).sum()
+    assert slope / (2 * step) == pytest.approx(usage[at], abs=1e-5)
+    cold = max(oracle.coldest, 0.01)
+    np.testing.assert_allclose(
+        oracle.soft_paths(prices, cold)[0], values, atol=cold * T * np.log(m + 1) + 1e-9
+    )
+
+
+def test_no_copies_is_switching_cost() -> None:
+    """Without copies and forfeit every solver finds what it finds with `SwitchingCost`."""
+    benefits = np.random.default_rng(2).random((5, 3, 5))
+    for free in (False, True):
+        plain = SAP(benefits, SwitchingCost(0.3, idle_is_free=free), [0, 1, 2])
+        copy = SAP(benefits, SyntheticSwitching(0.3, idle_is_free=free), [0, 1, 2])
+        for solver in (HAA(), HAAL(3), DualLookahead(3)):
+            assert solve(copy, solver).value == pytest.approx(solve(plain, solver).value)
+        assert bound(copy).value == pytest.approx(bound(plain).value, rel=1e-3)
+
+
+def test_keys_forget_which_copy() -> None:
+    """States that differ only in which copy holds what are one state; others are not."""
+    model = SAP(np.zeros((1, 4, 5)), SyntheticSwitching(1.0, agent_of=[0, 0, 1, 1])).model
+    assert model.key(np.array([3, 1, 0, 2])) == model.key(np.array([1, 3, 2, 0]))
+    assert model.key(np.array([3, 1, 0, 2])) != model.key(np.array([3, 0, 1, 2]))
+    assert model.key(None) != model.key(np.array([0, 1, 2, 3]))
+
+
+def test_only_local_models_offer_paths() -> None:
+    """Prices prove a bound where agents have no copies; elsewhere the model does not pretend to."""
+    benefits = np.ones((2, 2, 3))
+    assert hasattr(SAP(benefits, SyntheticSwitching(task_of=[0, 0, 1])).model, "path_oracle")
+    grouped = SAP(benefits, SyntheticSwitching(agent_of=[0, 0]))
+    assert not hasattr(grouped.model, "path_oracle")
+    with pytest.raises(ValueError, match="agent-local"):
+        solve(grouped, DualLookahead(2))
+
+
+def test_files(tmp_path: Path) -> None:
+    """Every field survives a file, and a certificate of the loaded problem verifies."""
+    dynamics = SyntheticSwitching(0.2, 0.5, None, [0, 0, 1, 2], True, True)
+    problem = SAP(np.random.default_rng(1).random((4, 2, 4)), dynamics, [0, 2])
+    problem.save(tmp_path / "p.npz")
+    again = SAP.load(tmp_path / "p.npz")
+    assert again.fingerprint == problem.fingerprint
+    assert repr(again.dynamics) == repr(dynamics)
+    result = solve(again, DualLookahead(2))
+    certify(again, result).save(tmp_path / "c.npz")
+    assert verify(tmp_path / "c.npz", problem).value == pytest.approx(result.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cost": -1.0}, "cost must be a number, finite and not negative"),
+        ({"cost": np.zeros((2, 2))}, "cost must be a number"),
+        ({"forfeit": 1.5}, "forfeit must be a number, between 0 and 1"),
+        ({"agent_of": [0, -1]}, "agent_of"),
+        ({"task_of": [[0, 1]]}, "task_of"),
+        ({"idle_is_free": 1}, "idle_is_free must be True or False"),
+        ({"needs_sight": "yes"}, "needs_sight must be True or False"),
+    ],
+)
+def test_bad_options(options: dict[str, Any], message: str) -> None:
+    """Each is a ValueError that names the argument."""
+    with pytest.raises(ValueError, match=message):
+        SyntheticSwitching(**options)
+
+
+def test_labels_must_fit() -> None:
+    """One label for every agent and every task."""
+    with pytest.raises(ValueError, match="agent_of has 2 labels, but the benefits have 3 agents"):
+        SAP(np.ones((1, 3, 3)), SyntheticSwitching(agent_of=[0, 1]))
