@@ -4,11 +4,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from sapopt.solvers.distributed import CBBA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
+from sapopt.solvers.greedy import Greedy, MyopicGreedy
 from sapopt.solvers.haal import HAA, HAAL
 from sapopt.solvers.iterated import IteratedAssignment
 from sapopt.solvers.policy import (
     AssignmentPolicy,
-    Greedy,
     NoHandover,
     energy_price,
     myopic,
@@ -35,6 +35,7 @@ __all__ = [
     "Exact",
     "Greedy",
     "IteratedAssignment",
+    "MyopicGreedy",
     "NoHandover",
     "RolloutPolicy",
     "energy_price",

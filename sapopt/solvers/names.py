@@ -25,7 +25,8 @@ class Method:
 
 METHODS = (
     Method("no-handover", "NoHandover", "the best assignment of each step, as if handovers were free"),
-    Method("greedy", "Greedy", "agent by agent, the task that is best now"),
+    Method("greedy", "Greedy", "GA: serve a task until it is out of view, then the best free one"),
+    Method("myopic-greedy", "MyopicGreedy", "agent by agent, the task that is best now"),
     Method("haa", "HAA", "Algorithm 1: the best assignment of each step, handovers charged"),
     Method("haal", "HAAL", "Algorithm 2: HAA with lookahead L", "lookahead", 3),
     Method("haal-d", "HAALD", "Algorithm 3: HAAL by auctions between the agents", "lookahead", 3),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.data.matrices import GainMatrix, Matrix, checked_matrix
+from sapopt.data.matrices import Matrix, checked_matrix
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
@@ -111,51 +111,3 @@ class NoHandover:
     def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
         """Assign beta of the current step."""
         return AssignmentPolicy(no_handover).act(outlook, None)
-
-
-@dataclass(frozen=True)
-class Greedy:
-    """The greedy algorithm (GA; thesis, section 4.1): agents choose in ascending index, the best free task each.
-
-    An agent without a free task of positive gain over idling keeps its task if it is free and good, else it is parked
-    like an idle agent of alpha. The initial assignment counts: its agents pay for leaving their tasks.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name."""
-        return "Greedy"
-
-    def begin(self, problem: SAP, rng: np.random.Generator) -> None:
-        """Nothing to remember."""
-        return None
-
-    def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
-        """Choose agent by agent from beta_hat of the current step."""
-        matrix = outlook.beta_hat()
-        return _greedy_sparse(matrix, outlook) if isinstance(matrix, GainMatrix) else _greedy_dense(
-            matrix, outlook
-        ), None
-
-
-def _greedy_sparse(matrix: GainMatrix, outlook: Outlook) -> IntArray:
-    from sapopt.kernels.matching import greedy, park
-
-    rows = (matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain)
-    chosen, owner = greedy(*rows, matrix.m)
-    if park(*rows, chosen, owner, outlook.parking, matrix.has_negative):
-        return chosen
-    return _greedy_dense(matrix.toarray(), outlook)
-
-
-def _greedy_dense(matrix: np.ndarray, outlook: Outlook) -> IntArray:
-    open_tasks = np.ones(matrix.shape[1], dtype=bool)
-    chosen = np.empty(matrix.shape[0], dtype=np.int64)
-    for i, row in enumerate(matrix):
-        values = np.where(open_tasks, row, -np.inf)
-        chosen[i] = int(np.argmax(values))
-        if values[chosen[i]] == -np.inf:
-            # An earlier agent took the only allowed task of this one: greed alone has no full assignment here.
-            return outlook.assign(matrix)
-        open_tasks[chosen[i]] = False
-    return chosen

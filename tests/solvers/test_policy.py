@@ -1,4 +1,4 @@
-"""AssignmentPolicy, NoHandover and Greedy against their definitions."""
+"""AssignmentPolicy and NoHandover against their definitions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from hypothesis import given
-from strategies import FORMS, Instance, instances, random_instances
+from strategies import FORMS, Instance, instances
 
 from sapopt import SAP, GainMatrix, InfeasibleError, Outlook, SwitchingCost, assign, solve
 from sapopt.running.outlook import Policy
@@ -130,68 +130,3 @@ def test_no_handover_is_alpha_of_the_benefits(instance: Instance) -> None:
         plan = solve(problem, NoHandover()).plan
         for k, row in enumerate(plan):
             np.testing.assert_array_equal(row, assign(problem.benefits.step(k)))
-
-
-# --- Greedy ---
-
-
-def greedy_by_definition(instance: Instance) -> np.ndarray:
-    """Agents in ascending index take the free task of greatest beta_hat; without ties."""
-    steps, n, m = instance.benefits.shape
-    plan = np.empty((steps, n), dtype=np.int64)
-    before: Any = [None] * n if instance.initial is None else instance.initial
-    for k in range(steps):
-        free = set(range(m))
-        for i in range(n):
-            plan[k, i] = max(
-                free, key=lambda j: instance.benefits[k, i, j] - instance.charge(k, i, before[i], j)
-            )
-            free.remove(int(plan[k, i]))
-        before = plan[k]
-    return plan
-
-
-def test_greedy_is_the_definition() -> None:
-    """Without ties, in every form of benefits and cost, the initial assignment included."""
-    for instance in random_instances(24, seed=1, steps=5, n=4, m=6):
-        expected = greedy_by_definition(instance)
-        for form in FORMS:
-            np.testing.assert_array_equal(solve(instance.problem(form), Greedy()).plan, expected)
-
-
-def test_greedy_honours_the_initial_assignment() -> None:
-    """The initial task is kept when leaving costs more than it brings."""
-    values = np.array([[[1.0, 1.2, 0.0]]])
-    for form in ([sp.csr_array(values[0])], values):
-        assert solve(SAP(form, 0.5, [0]), Greedy()).plan.tolist() == [[0]]
-        assert solve(SAP(form, 0.1, [0]), Greedy()).plan.tolist() == [[1]]
-        assert solve(SAP(form, 0.5), Greedy()).plan.tolist() == [[1]]
-
-
-def test_greedy_is_greedy() -> None:
-    """The first agent takes its best task although the second needs it more."""
-    values = np.array([[[1.0, 0.9], [10.0, 0.1]]])
-    result = solve(SAP(values), Greedy())
-    assert result.plan.tolist() == [[0, 1]]
-    assert result.value == 1.1
-
-
-def test_idle_agents_give_way() -> None:
-    """In a sparse problem an agent without a benefit does not take the task of a later one."""
-    values = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    assert solve(SAP([sp.csr_array(values)], 0.5), Greedy()).plan.tolist() == [[1, 0]]
-
-
-@given(instances(forbid=True))
-def test_greedy_stays_feasible(instance: Instance) -> None:
-    """Where greed would leave an agent without an allowed task, it gives way."""
-    for form in FORMS:
-        result = solve(instance.problem(form), Greedy())
-        assert np.isfinite(instance.score(result.plan))
-
-
-def test_greedy_out_of_a_dead_end() -> None:
-    """Agent 0 prefers the only task that agent 1 may take."""
-    values = np.array([[5.0, 1.0, 0.0], [1.0, -np.inf, -np.inf]])
-    for form in (values[None], [sp.csr_array(values)]):
-        assert solve(SAP(form), Greedy()).plan.tolist() == [[1, 0]]

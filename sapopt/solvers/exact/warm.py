@@ -17,8 +17,8 @@ from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.running.outlook import Policy, rollout
+from sapopt.solvers.greedy import MyopicGreedy
 from sapopt.solvers.haal import HAAL
-from sapopt.solvers.policy import Greedy
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +48,7 @@ def incumbent(problem: SAP, run: Run, seconds: float) -> Incumbent:
     best = Incumbent().better(problem, run.start)
     limit = run.seconds + seconds
     policies: list[Policy] = [HAAL(lookahead) for lookahead in _LOOKAHEADS if lookahead <= max(problem.T, 2)]
-    policies.append(Greedy())
+    policies.append(MyopicGreedy())
     for policy in policies:
         left = limit - run.seconds
         if left <= 0 or run.expired:
@@ -66,7 +66,7 @@ def incumbent(problem: SAP, run: Run, seconds: float) -> Incumbent:
 def last_resort(problem: SAP, run: Run) -> Incumbent:
     """A plan that takes no time, for a run that is over before it found one: an assignment kept to the end."""
     try:
-        return Incumbent().better(problem, rollout(problem, Greedy(), run.part()).plan)
+        return Incumbent().better(problem, rollout(problem, MyopicGreedy(), run.part()).plan)
     except InfeasibleError:
         return Incumbent()
 
