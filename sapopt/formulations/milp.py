@@ -22,19 +22,6 @@ from sapopt.formulations.local import local_model, not_local
 from sapopt.problem.sap import SAP
 
 
-class MissingSolverError(ImportError):
-    """An optional package is not installed; the message names the extra that brings it."""
-
-
-def require_cvxpy() -> Any:
-    """The cvxpy module, or an error that names the extra."""
-    try:
-        import cvxpy
-    except ImportError:
-        raise MissingSolverError("this needs cvxpy and Clarabel: pip install 'sapopt[exact]'") from None
-    return cvxpy
-
-
 @dataclass(frozen=True, eq=False)
 class MILP:
     """A compiled problem.
@@ -62,13 +49,12 @@ def compile(problem: SAP, *, relaxed: bool = False) -> MILP:
     ------
     ValueError
         If the dynamics is not agent-local.
-    MissingSolverError
-        If cvxpy is not installed.
     """
+    import cvxpy as cp  # takes about a second: only those who need it pay for it
+
     reason = accepts(problem)
     if reason:
         raise ValueError(f"dynamics: {reason}")
-    cp = require_cvxpy()
     T, n, m = problem.benefits.shape
     x = [cp.Variable((n, m), boolean=not relaxed, name=f"x{k}") for k in range(T)]
     rules: list[Any] = []

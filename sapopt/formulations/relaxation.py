@@ -1,4 +1,4 @@
-"""Convex relaxations as upper bounds, through cvxpy and Clarabel (extra ``exact``).
+"""Convex relaxations as upper bounds, through cvxpy and Clarabel.
 
 - `linear_bound`: the linear relaxation of the MILP; equal to the best Lagrangian bound.
 - `semidefinite_bound`: the lifted matrix of the QAP, for some dozens of allowed pairs; the strongest.
@@ -18,7 +18,6 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import milp, qap
 from sapopt.formulations.highs import SolverError
-from sapopt.formulations.milp import require_cvxpy
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound
 
@@ -35,15 +34,14 @@ def linear_bound(problem: SAP) -> Bound:
     ------
     ValueError
         If the dynamics is not agent-local.
-    MissingSolverError
-        If cvxpy is not installed.
     """
     return _bound(milp.compile(problem, relaxed=True).problem, "linear relaxation (Clarabel)")
 
 
 def convex_bound(problem: SAP) -> Bound:
     """Value of the QAP with its quadratic form made concave: on 0/1 points ``x' Q x = x' (Q - s I) x + s sum x``."""
-    cp = require_cvxpy()
+    import cvxpy as cp
+
     quadratic, linear, facility, place = _pairs(qap.compile(problem))
     x, rules = _assignment(cp, facility, place)
     values, vectors = np.linalg.eigh(quadratic)
@@ -60,10 +58,9 @@ def semidefinite_bound(problem: SAP) -> Bound:
     ------
     ValueError
         If the dynamics is not a `SwitchingCost`, or the problem has more than 150 pairs (T n m).
-    MissingSolverError
-        If cvxpy is not installed.
     """
-    cp = require_cvxpy()
+    import cvxpy as cp
+
     quadratic, linear, facility, place = _pairs(qap.compile(problem))
     count = len(linear)
     if count > _MOST:
@@ -113,7 +110,8 @@ def _assignment(cp: Any, facility: IntArray, place: IntArray) -> tuple[Any, list
 
 
 def _bound(problem: Any, method: str) -> Bound:
-    cp = require_cvxpy()
+    import cvxpy as cp
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the status below says it

@@ -17,7 +17,6 @@ import numpy as np
 from sapopt.data.feasibility import InfeasibleError, explain_infeasible
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import SolverError
-from sapopt.formulations.milp import require_cvxpy
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,8 @@ class RobustAssignment:
 
     def compile(self) -> Compiled:
         """The problem in its epigraph form."""
-        cp = require_cvxpy()
+        import cvxpy as cp
+
         x, rules = _assignment_variable(cp, np.isfinite(self.matrices).all(axis=0), "x")
         worst = cp.Variable(name="worst")
         rules += [worst <= _worth(cp, matrix, x) for matrix in self.matrices]
@@ -138,7 +138,8 @@ class RecoverableAssignment:
 
     def compile(self) -> Compiled:
         """The problem with one number per shared pair."""
-        cp = require_cvxpy()
+        import cvxpy as cp
+
         x, rules = _assignment_variable(cp, np.isfinite(self.first), "x")
         worst = cp.Variable(name="worst")
         parts = [x]
@@ -164,7 +165,8 @@ class RecoverableAssignment:
 
 
 def _solved(compiled: Compiled) -> list[IntArray]:
-    cp = require_cvxpy()
+    import cvxpy as cp
+
     try:
         compiled.problem.solve(solver=cp.HIGHS, mip_rel_gap=1e-9)
     except cp.error.SolverError as error:

@@ -127,7 +127,7 @@ def test_unreadable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="limit"):
         read_trips(tmp_path / "empty.csv", limit=0)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(MissingReaderError, match=r"sapopt\[trips\]"):
+    with pytest.raises(MissingReaderError, match=r"sapopt\[tables\]"):
         read_trips(tmp_path / "t.parquet")
 
 

@@ -32,7 +32,7 @@ def test_regions() -> None:
 def test_without_h3(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the extra the error says what to install."""
     monkeypatch.setitem(sys.modules, "h3", None)
-    with pytest.raises(ImportError, match=r"sapopt\[domains\]"):
+    with pytest.raises(ImportError, match=r"sapopt\[space\]"):
         us_regions()
 
 

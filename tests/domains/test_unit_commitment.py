@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -33,7 +34,6 @@ def tiny(seed: int, n: int = 2, blocks: int = 2, steps: int = 6) -> PowerSystem:
 
 def milp(system: PowerSystem, method: str = "HIGHS") -> float:
     """Greatest value: energy served at its price, less fuel, running hours and starts; blocks need not be served."""
-    cp = pytest.importorskip("cvxpy")
     n, T, B = len(system.least_mw), len(system.demand_mw), len(system.block_mw)
     on = cp.Variable((T, n), boolean=True)
     start, stop = (cp.Variable((T, n), boolean=True) for _ in range(2))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cvxpy as cp
 import numpy as np
 import pytest
 from local_dynamics import Dictator, Tiring
@@ -10,8 +11,6 @@ from sapopt import SAP, SwitchingCost, solve
 from sapopt.formulations import milp, relaxation
 from sapopt.formulations.dual import ascend
 from sapopt.solvers.exact import Exact
-
-cp = pytest.importorskip("cvxpy")
 
 
 def test_taken_away_and_solved() -> None:

@@ -105,7 +105,6 @@ def test_other_dynamics_is_refused() -> None:
 @pytest.mark.parametrize("problem", problems()[:6], ids=repr)
 def test_relaxations_bound_the_optimum(problem: SAP) -> None:
     """Convex and semidefinite bounds hold; the semidefinite one is the better one."""
-    pytest.importorskip("cvxpy")
     best = solve(problem, Exact("dp")).value
     linear, convex, semidefinite = (
         bound(problem).value
@@ -117,6 +116,5 @@ def test_relaxations_bound_the_optimum(problem: SAP) -> None:
 
 def test_semidefinite_size() -> None:
     """The semidefinite relaxation refuses what would never end."""
-    pytest.importorskip("cvxpy")
     with pytest.raises(ValueError, match="too many"):
         relaxation.semidefinite_bound(SAP(np.ones((5, 6, 6)), SwitchingCost(1.0)))

@@ -11,8 +11,6 @@ import pytest
 from sapopt import InfeasibleError
 from sapopt.formulations.robust import RecoverableAssignment, RobustAssignment
 
-pytest.importorskip("cvxpy")
-
 
 def rows(n: int, m: int) -> list[np.ndarray]:
     """All assignments."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from strategies import Instance
 
 from sapopt import SAP, InfeasibleError, Status, SwitchingCost, solve
 from sapopt.formulations.highs import Programme, SolverError, maximise
-from sapopt.formulations.milp import MissingSolverError
 from sapopt.running.control import Run
 from sapopt.solvers import HAAL
 from sapopt.solvers.exact import Exact
@@ -50,7 +48,6 @@ def random_problem(seed: int) -> SAP:
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_four_methods_agree(chunk: int) -> None:
     """300 random problems of mixed shape: network, MILP, QAP and brute force prove the same value."""
-    pytest.importorskip("cvxpy")
     for seed in range(chunk, 300, CHUNKS):
         problem = random_problem(seed)
         values = {}
@@ -139,7 +136,6 @@ def test_medium_problem_is_proven_and_traced() -> None:
 @pytest.mark.parametrize("method", ["network", "milp", "qap", "dp"])
 def test_time_limit_keeps_an_incumbent(method: str) -> None:
     """Without time for a proof there is still a feasible plan, and a valid bound where one was found."""
-    pytest.importorskip("cvxpy")
     shape = (4, 3, 5) if method == "qap" else (3, 5, 7) if method == "dp" else (12, 12, 14)
     problem = SAP(np.random.default_rng(0).random(shape), SwitchingCost(0.5))
     result = solve(problem, Exact(method), time_limit=0.05 if method != "qap" else 0.001)
@@ -262,15 +258,6 @@ def test_failing_solver_is_an_error() -> None:
     )
     with pytest.raises(SolverError, match="HiGHS"):
         maximise(broken)
-
-
-def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without cvxpy the error says what to install, and the other methods still work."""
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
-    problem = SAP(np.random.default_rng(0).random((2, 2, 3)), SwitchingCost(0.1))
-    with pytest.raises(MissingSolverError, match=r"sapopt\[exact\]"):
-        solve(problem, Exact("milp"))
-    assert solve(problem, Exact()).status is Status.OPTIMAL
 
 
 def test_networks_that_are_too_large(

@@ -80,7 +80,7 @@ def read_trips(
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.csv.gz`` or ``.parquet`` (this one needs the extra ``trips``).
+        ``.csv``, ``.csv.gz`` or ``.parquet`` (this one needs the extra ``tables``).
     columns : mapping of str to str, optional
         Names of the columns where they are not the usual ones; keys are ``pick_up_time``, ``drop_off_time``,
         ``pick_up_longitude``, ``pick_up_latitude``, ``drop_off_longitude``, ``drop_off_latitude`` and ``fare``.
@@ -154,7 +154,7 @@ def _parquet_rows(path: Path) -> Iterator[Sequence[Any]]:
         import pyarrow.parquet as parquet
     except ImportError:
         raise MissingReaderError(
-            "Parquet files need pyarrow: pip install 'sapopt[trips]' (CSV needs nothing)"
+            "Parquet files need pyarrow: pip install 'sapopt[tables]' (CSV needs nothing)"
         ) from None
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")

@@ -77,5 +77,5 @@ def require_h3() -> Any:
     try:
         import h3
     except ImportError:
-        raise ImportError("object tracking needs the package h3: pip install 'sapopt[domains]'") from None
+        raise ImportError("object tracking needs the package h3: pip install 'sapopt[space]'") from None
     return h3

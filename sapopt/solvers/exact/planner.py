@@ -44,9 +44,8 @@ class Exact:
         "network": for agent-local dynamics, and by far the fastest. With one cost for every move and up to a million
         stays (``n m T (T + 1) / 2``) it is branch and price over stays, with as many threads as numba uses; else a
         mixed-integer programme over the time-expanded network, from which prices have removed the arcs that no better
-        plan can use. "milp": the `cvxpy`
-        programme, solved by HiGHS (extra ``exact``). "qap": the Koopmans-Beckmann problem of eq. 1.4, linearised;
-        `SwitchingCost` only, tiny problems. "dp": brute force over joint states; any dynamics, tiny problems.
+        plan can use. "milp": the `cvxpy` programme, solved by HiGHS. "qap": the Koopmans-Beckmann problem of eq. 1.4,
+        linearised; `SwitchingCost` only, tiny problems. "dp": brute force over joint states; any dynamics, tiny problems.
     tolerance : float
         Relative gap at which a plan counts as optimal.
     reduced_costs : bool
@@ -58,8 +57,6 @@ class Exact:
         If the method does not take the problem.
     InfeasibleError
         If no plan exists; says at which step it fails, and which agents are short of tasks.
-    MissingSolverError
-        If the method needs a package that is not installed.
     SolverError
         If the solver fails.
 
@@ -116,7 +113,8 @@ class Exact:
         return self._outcome(problem, run, state.best, state.bound, state.trace, state.prices)
 
     def _milp(self, problem: SAP, run: Run) -> Outcome:
-        cp = milp.require_cvxpy()
+        import cvxpy as cp
+
         best = warm.incumbent(problem, run, 0.1 * run.seconds_left)
         compiled = milp.compile(problem)
         options: dict[str, Any] = {"mip_rel_gap": self.tolerance, "mip_abs_gap": 1e-9}
