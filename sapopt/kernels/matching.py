@@ -13,10 +13,10 @@ idle agents and free tasks (Jonker and Volgenant, 1987; Bertsekas, 1998, chapter
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sapopt.kernels import ties
 from sapopt.kernels.heap import pop, push
+from sapopt.kernels.jit import njit
 
 _ROUNDS = 10  # passes of row reduction; a search costs more than a pass over the few agents that still wait
 

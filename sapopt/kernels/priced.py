@@ -11,9 +11,9 @@ A hub's potential is ``least[b] = min_j dues[b, j] + p[j]``; with it every arc o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from sapopt.kernels.heap import pop, push
+from sapopt.kernels.jit import njit
 
 _BATCH = 256  # searches between two looks at the clock
 

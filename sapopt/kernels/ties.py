@@ -6,7 +6,8 @@ Rows list positive gains only, sorted by decreasing gain (`sapopt.kernels.matchi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 _TIGHT = 1e-11  # relative to the greatest gain: a pair with less slack counts as tight
 

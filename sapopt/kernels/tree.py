@@ -18,8 +18,8 @@ from __future__ import annotations
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
+from sapopt.kernels.jit import njit
 from sapopt.kernels.matching import solve_rows
 from sapopt.kernels.windows import listed_gain, longer_window
 

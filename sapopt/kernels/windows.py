@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 _INSERT = 64  # rows up to this length are sorted by plain insertion
 

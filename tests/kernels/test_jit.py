@@ -1,0 +1,160 @@
+"""The decorator of the kernels: what it compiles, when, and what it does about caches that cannot be used."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from sapopt.kernels import clock, jit, matching
+
+SOURCE = """
+from sapopt.kernels.jit import njit
+
+@njit(cache=True, no_cpython_wrapper=True)
+def double(x):
+    return 2.0 * x
+
+@njit(cache=True, nogil=True, small=10)
+def total(values):
+    out = 0.0
+    for v in values:
+        out += double(v)
+    return out
+"""
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A file with two kernels, one of which calls the other."""
+    path = tmp_path / "kernels_of_a_test.py"
+    path.write_text(SOURCE)
+    return path
+
+
+def load(path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The kernels of the file as a new process would have them."""
+    monkeypatch.setattr(jit, "KERNELS", [])
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_small_work_is_not_compiled(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few numbers run the plain source, many are compiled, and what is compiled serves small work too."""
+    monkeypatch.setattr(jit, "_spent", 0.0)
+    kernels = load(source, monkeypatch)
+    assert kernels.total(np.ones(10)) == 20.0
+    assert kernels.total._dispatcher is None
+    assert kernels.total(np.ones(11)) == 22.0
+    assert len(kernels.total.dispatcher.signatures) == 1
+    assert kernels.total(np.ones(3)) == 6.0
+
+
+def test_patience_ends(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that has spent its time in interpreted kernels compiles the next one."""
+    monkeypatch.setattr(jit, "_spent", 2 * jit.PATIENCE)
+    kernels = load(source, monkeypatch)
+    assert kernels.total(np.ones(2)) == 4.0
+    assert len(kernels.total.dispatcher.signatures) == 1
+
+
+def test_helpers_can_be_called_from_python(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A helper has no compiled way in from Python, so its source runs, also after it was compiled for another."""
+    kernels = load(source, monkeypatch)
+    with jit.compiled_always():
+        assert kernels.double(1.5) == 3.0
+        assert kernels.total(np.ones(2)) == 4.0
+    assert kernels.double(1.5) == 3.0
+
+
+def test_kernels_are_pickled_by_name() -> None:
+    """Other processes get a kernel by its name, as they would a function."""
+    assert pickle.loads(pickle.dumps(matching.match)) is matching.match
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", ["cut", "emptied", "changed"])
+def test_damaged_cache_files(
+    source: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, suffix: str, damage: str
+) -> None:
+    """A damaged cache file is thrown away, compiled anew, and good at the next run."""
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(source.parent / "cache"))
+    assert load(source, monkeypatch).total(np.ones(20)) == 40.0
+    files = [path for path in source.parent.rglob(f"*{suffix}") if "total" in path.name]
+    assert len(files) == 1
+    content = files[0].read_bytes()
+    middle = len(content) // 2
+    files[0].write_bytes(
+        {
+            "cut": content[:middle],
+            "emptied": b"",
+            "changed": content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :],
+        }[damage]
+    )
+    again = load(source, monkeypatch)
+    with caplog.at_level(logging.WARNING, logger="sapopt"):
+        assert again.total(np.ones(20)) == 40.0
+    whole = load(source, monkeypatch)
+    assert whole.total(np.ones(20)) == 40.0
+    assert sum(whole.total.dispatcher.stats.cache_hits.values()) == 1
+
+
+def test_a_changed_callee_makes_the_cache_stale(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code holds its callees, so a kernel is compiled anew when the file of a callee has changed."""
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(source.parent / "cache"))
+    other = source.with_name("callee_of_a_test.py")
+    other.write_text("from sapopt.kernels.jit import njit\n\n@njit\ndef scaled(x):\n    return 2.0 * x\n")
+    source.write_text(
+        "from callee_of_a_test import scaled\n"
+        "from sapopt.kernels.jit import njit\n\n@njit\ndef total(values):\n    return scaled(values[0])\n"
+    )
+    monkeypatch.syspath_prepend(str(source.parent))
+    for factor in (2.0, 3.0):
+        other.write_text(other.read_text().replace("2.0", f"{factor:.1f}"))
+        monkeypatch.delitem(sys.modules, "callee_of_a_test", raising=False)
+        importlib.invalidate_caches()
+        monkeypatch.setattr(sys, "dont_write_bytecode", True)
+        assert load(source, monkeypatch).total(np.ones(20)) == factor
+
+
+def test_no_folder_for_a_cache(source: Path) -> None:
+    """Where neither the package's folder nor the home can be written, kernels are compiled without a cache."""
+    (source.parent / "__pycache__").write_text("a file, so that nobody can make the folder, root included")
+    home = source.parent / "kernels_of_a_test.py" / "home"
+    code = "import numpy as np, kernels_of_a_test as k; print(k.total(np.ones(20)))"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA")}
+    path = os.pathsep.join([str(source.parent), *(p for p in sys.path if p)])
+    ran = subprocess.run(
+        [sys.executable, "-B", "-c", code], capture_output=True, text=True, check=True,
+        env=environment | {"HOME": str(home), "XDG_CACHE_HOME": str(home), "PYTHONPATH": path},
+    )  # fmt: skip
+    assert ran.stdout.strip() == "40.0"
+
+
+def test_the_compiler_is_timed_and_told_of(
+    source: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Seconds of compiling are counted, and a compilation that takes long is logged once."""
+    heard: list[str] = []
+    monkeypatch.setattr(clock, "_LONG", 0.0)
+    monkeypatch.setattr(clock, "_told", False)
+    monkeypatch.setattr(clock, "_listeners", [heard.append])
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(source.parent / "cache"))
+    before = clock.compile_seconds()
+    with caplog.at_level(logging.INFO, logger="sapopt"):
+        load(source, monkeypatch).total(np.ones(20))
+    assert clock.compile_seconds() > before
+    assert len(heard) == 1
+    assert [record.message for record in caplog.records if record.name == clock.__name__] == heard
