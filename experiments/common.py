@@ -4,7 +4,7 @@ A script looks like this::
 
     \"\"\"One line that says what is measured (thesis, section).
 
-        python experiments/fig_x.py [--seeds 5] [--quick] [--out results/fig_x]
+        python -m experiments.fig_x [--seeds 5] [--seed 0] [--quick] [--out results/fig_x]
     \"\"\"
 
     def main(argv=None):
@@ -48,7 +48,7 @@ class Run:
     options : argparse.Namespace
         All options, also those that the script added.
     seeds : tuple of int
-        The seeds to go through: 0, 1, ...
+        The seeds to go through: 0, 1, ... unless ``--seed`` names another first one.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Run:
         """
         head = {
             "experiment": self.name,
-            "command": " ".join(["python", *sys.argv]),
+            "command": " ".join(["python", "-m", f"experiments.{self.name}", *sys.argv[1:]]),
             "options": {key: str(v) if isinstance(v, Path) else v for key, v in vars(self.options).items()},
             "seeds": list(self.seeds),
             "environment": {**environment(), "cores": os.cpu_count(), "load": list(os.getloadavg())},
@@ -101,6 +101,28 @@ class Run:
         figure.savefig(path, dpi=dpi)
         print(f"wrote {path}")
         return path
+
+
+def add_seeds(parser: argparse.ArgumentParser, count: int = 1, quick_count: int | None = None) -> None:
+    """The two options that say which random draws are run: how many, and from which seed on."""
+    few = count if quick_count is None else quick_count
+    parser.add_argument(
+        "--seeds", type=int, metavar="N", help=f"number of seeds (default {count}, quick {few})"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="the first of them (default 0)")
+    parser.set_defaults(seed_counts=(count, few))
+
+
+def seeds_of(parser: argparse.ArgumentParser, options: argparse.Namespace) -> tuple[int, ...]:
+    """The seeds that were asked for: S, S + 1, ... (`--seed S --seeds N`)."""
+    count, few = options.__dict__.pop("seed_counts")
+    if options.seeds is None:
+        options.seeds = few if getattr(options, "quick", False) else count
+    if options.seeds < 1:
+        parser.error(f"--seeds must be at least 1, got {options.seeds}")
+    if options.seed < 0:
+        parser.error(f"--seed must not be negative, got {options.seed}")
+    return tuple(range(options.seed, options.seed + options.seeds))
 
 
 def begin(
@@ -124,30 +146,26 @@ def begin(
     argv : sequence of str, optional
         The arguments; those of the process if omitted.
     seeds, quick_seeds : int
-        How many seeds are run unless `--seeds` says otherwise, in full and with `--quick`.
+        How many seeds are run unless `--seeds` says otherwise, in full and with `--quick`; `--seed` names the first.
     add : callable, optional
         Adds the script's own options to the parser.
     resumes : bool
         The script goes on where an earlier run ended, so its own results need not be protected.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    few = seeds if quick_seeds is None else quick_seeds
-    parser.add_argument("--seeds", type=int, help=f"number of seeds (default {seeds}, quick {few})")
+    add_seeds(parser, seeds, quick_seeds)
     parser.add_argument("--quick", action="store_true", help="a short run, under five minutes")
     parser.add_argument("--out", type=Path, default=Path("results") / name, metavar="DIR")
     parser.add_argument("--force", action="store_true", help="overwrite earlier results")
     if add is not None:
         add(parser)
     options = parser.parse_args(argv)
-    if options.seeds is None:
-        options.seeds = few if options.quick else seeds
-    if options.seeds < 1:
-        parser.error(f"--seeds must be at least 1, got {options.seeds}")
+    asked = seeds_of(parser, options)
     earlier = options.out / f"{name}.json"
     if earlier.exists() and not (options.force or resumes):
         parser.error(f"{earlier} exists already; give --force to overwrite it, or another --out")
     options.out.mkdir(parents=True, exist_ok=True)
-    return Run(name, options, tuple(range(options.seeds)))
+    return Run(name, options, asked)
 
 
 def new_figure(

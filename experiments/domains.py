@@ -1,6 +1,6 @@
 """The agent-local domains at full size: plans of every method against a proven bound (thesis, 7.1.1 to 7.1.3).
 
-    python experiments/domains.py [--seeds 1] [--seconds 60] [--only NAME] [--quick] [--out results/domains]
+    python -m experiments.domains [--seeds 1] [--seconds 60] [--only NAME] [--quick] [--out results/domains]
 
 For each of the instances `attitude`, `ride-hailing` and `unit-commitment`: the bound, and what HAA, HAAL, the dual
 lookahead and the dual decomposition reach of it, with their times. The decomposition gets --seconds. The table is
@@ -13,8 +13,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-import common
-
+from experiments import common
 from sapopt import SAP, Result, solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead, Greedy

@@ -1,6 +1,6 @@
 """Figure 4.3 (Holder 2024): value and communication rounds against the lookahead, 324 satellites and 450 tasks.
 
-    python experiments/fig_4_3.py [--seeds 1] [--compare-seeds 10] [--steps 93] [--workers 2] [--quick] [--out DIR]
+    python -m experiments.fig_4_3 [--seeds 1] [--compare-seeds 10] [--steps 93] [--workers 2] [--quick] [--out DIR]
 
 The curves are means over the first `--seeds` draws of the tasks. HAAL-D and CBBA at L = 3 are compared over
 `--compare-seeds` draws. Runs are kept in DIR/fig_4_3_runs.json; a second call does only what is missing.
@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-import common
 import numpy as np
-from distributed_runs import LABELS, Job, Run, curve, run_all
 from matplotlib.figure import Figure
 
+from experiments import common
+from experiments.distributed_runs import LABELS, Job, Run, curve, run_all
 from sapopt.plotting import PALETTE, value_against_lookahead
 
 CURVES = ("dual", "HAAL", "HAALD", "CBBA")

@@ -1,6 +1,6 @@
 """Figure 4.4 (Holder 2024): 1000 satellites, 812 even tasks, 188 of zero benefit: value, and one satellite's history.
 
-    python experiments/fig_4_4.py [--seeds 1] [--steps 93] [--lookahead 3] [--satellite 900] [--quick] [--out DIR]
+    python -m experiments.fig_4_4 [--seeds 1] [--steps 93] [--lookahead 3] [--satellite 900] [--quick] [--out DIR]
 
 Runs are kept in DIR/fig_4_4_runs.json; a second call does only what is missing. The figure is that of seed 0.
 """
@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from types import SimpleNamespace
 
-import common
-from distributed_runs import LABELS, Job, policy_of, run_all
-
+from experiments import common
+from experiments.distributed_runs import LABELS, Job, policy_of, run_all
 from sapopt import SAP, bound
 from sapopt.domains.instances import scenario
 from sapopt.plotting import benefit_history, value_against_bound

@@ -1,6 +1,6 @@
 """Figure 6.1 (Holder 2024, section 6.1): the dictator; optimum 60, greed earns 30.
 
-    python experiments/fig_6_1.py [--seeds 5] [--methods reda,iql,ippo,coma] [--quick] [--out DIR]
+    python -m experiments.fig_6_1 [--seeds 5] [--methods reda,iql,ippo,coma] [--quick] [--out DIR]
 
 `--seeds` counts the training runs. REDA and IQL learn with the same options; IQL's agents choose for themselves. Both
 explore by random assignments. The thesis' guide, the greedy policy, never leaves the poor states, and the memory of it
@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import common
 import numpy as np
-from learned import curve
 
+from experiments import common
+from experiments.learned import curve
 from sapopt import SAP, Outlook, solve
 from sapopt.data.types import IntArray
 from sapopt.domains.instances import instance

@@ -1,6 +1,6 @@
 """Figure 6.2 (Holder 2024, section 6.3): learning where idling is free and there are no batteries.
 
-    python experiments/fig_6_2.py [--seeds 2] [--episodes 200] [--quick] [--out DIR]
+    python -m experiments.fig_6_2 [--seeds 2] [--episodes 200] [--quick] [--out DIR]
 
 REDA is trained on `earth-coverage` and compared with HAA, HAAL and the dual lookahead, beside the proven bound.
 """
@@ -10,10 +10,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-import common
 import numpy as np
-from learned import by_generator, by_policy, curve
 
+from experiments import common
+from experiments.learned import by_generator, by_policy, curve
 from sapopt import SAP, bound
 from sapopt.domains.instances import instance
 from sapopt.learning import REDA, ObservationSpec, TrainOptions, save_network, train

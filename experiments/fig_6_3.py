@@ -1,6 +1,6 @@
 """Figure 6.3 (Holder 2024, section 6.4): learning curves on the power environment, with the bound and the planners.
 
-    python experiments/fig_6_3.py [--seeds 2] [--episodes 400] [--methods reda,iql,ippo] [--quick] [--out DIR]
+    python -m experiments.fig_6_3 [--seeds 2] [--episodes 400] [--methods reda,iql,ippo] [--quick] [--out DIR]
                                   [--logs reda=LOG.csv,iql=LOG.csv]
 
 `--seeds` counts the fresh episodes on which the reference policies are measured. A training that was interrupted goes
@@ -13,10 +13,10 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import common
 import numpy as np
-from learned import by_generator, by_policy, curve
 
+from experiments import common
+from experiments.learned import by_generator, by_policy, curve
 from sapopt import SAP, bound
 from sapopt.domains.instances import instance
 from sapopt.learning import TrainOptions, save_network, train

@@ -1,6 +1,6 @@
 """Figure 6.4 (Holder 2024, section 6.4): reward, conflicts, charge and task duration of every policy on batteries.
 
-    python experiments/fig_6_4.py [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
+    python -m experiments.fig_6_4 [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
 
 REDA's weights are those that ship; the others are drawn if their weights are given (`fig_6_3.py` leaves them).
 `--rollouts` adds rollouts of REDA, which take far longer: what HAAL or the energy price would do now, played on by
@@ -13,10 +13,10 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 
-import common
 import numpy as np
-from learned import by_generator, by_ippo, by_iql, by_policy, network_of
 
+from experiments import common
+from experiments.learned import by_generator, by_ippo, by_iql, by_policy, network_of
 from sapopt.domains.instances import instance
 from sapopt.learning import REDA
 from sapopt.solvers import (

@@ -1,6 +1,6 @@
 """Figure 6.5 (Holder 2024, section 6.5): the weights of 324 satellites on 1008 and 4225, without training again.
 
-    python experiments/fig_6_5.py [--seeds 3] [--sizes power,power-1008,power-4225] [--lookahead] [--quick] [--out DIR]
+    python -m experiments.fig_6_5 [--seeds 3] [--sizes power,power-1008,power-4225] [--lookahead] [--quick] [--out DIR]
 
 `--lookahead` adds the dual lookahead of three steps with the learned value of charge, which takes far longer.
 """
@@ -10,10 +10,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-import common
 import numpy as np
-from learned import by_generator, by_policy
 
+from experiments import common
+from experiments.learned import by_generator, by_policy
 from sapopt.domains.instances import instance
 from sapopt.learning import REDA
 from sapopt.solvers import DualLookahead, energy_price, power_constrained

@@ -1,6 +1,6 @@
 """NoHandover, HAA, HAAL and the optimum over random 5x5x3 problems (thesis, section 4.1).
 
-    python experiments/fig_optimal_comparison.py [--seeds 50] [--cost 0.5] [--quick] [--out DIR]
+    python -m experiments.fig_optimal_comparison [--seeds 50] [--cost 0.5] [--quick] [--out DIR]
 
 Benefits are uniform on [0, 1]; five agents, five tasks, three steps; the first step is free. Writes a table (JSON)
 and a figure.
@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import common
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments import common
 from sapopt import SAP, Status, SwitchingCost, solve
 from sapopt.solvers import HAA, HAAL, NoHandover
 from sapopt.solvers.exact import Exact

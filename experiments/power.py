@@ -1,6 +1,6 @@
 """The power environment of Holder 2024, section 6.4: what policies and planners earn, and what nobody can.
 
-    python experiments/power.py [--seeds 10] [--methods haa,dual-lookahead:3,...] [--quick] [--out DIR]
+    python -m experiments.power [--seeds 10] [--methods haa,dual-lookahead:3,...] [--quick] [--out DIR]
 
 324 satellites on batteries, 450 tasks, 100 steps; every seed draws other tasks and another initial assignment. Methods
 are those of the command line, and `power-constrained`, `energy-price`, `plan` and `plan-entries`: DualDecomposition
@@ -17,9 +17,9 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-import common
 import numpy as np
 
+from experiments import common
 from sapopt import solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import AssignmentPolicy, DualDecomposition, energy_price, power_constrained

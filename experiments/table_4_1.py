@@ -1,6 +1,6 @@
 """Table 4.1: objects tracked over the United States, and the value, against alpha(beta) (Holder 2024, section 4.3).
 
-    python experiments/table_4_1.py [--seeds 3] [--quick] [--out results/table_4_1]
+    python -m experiments.table_4_1 [--seeds 3] [--quick] [--out results/table_4_1]
 
 Policies know the objects that have appeared and expect them to go straight on. The thesis: HAAL tracks 85.4 % of the
 objects, value 4367.2; alpha(beta) 42.7 %, 2141.6. Its parameters are not all given; ours are those of the instance
@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import common
 import numpy as np
 
+from experiments import common
 from sapopt import bound, solve
 from sapopt.domains.instances import scenario
 from sapopt.solvers import HAAL, DualLookahead, NoHandover

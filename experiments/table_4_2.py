@@ -1,6 +1,6 @@
 """Table 4.2: internet satellites with ten beams each, against alpha(beta) (Holder 2024, section 4.4).
 
-    python experiments/table_4_2.py [--seeds 3] [--quick] [--out results/table_4_2]
+    python -m experiments.table_4_2 [--seeds 3] [--quick] [--out results/table_4_2]
 
 The thesis: HAAL 3334.6, alpha(beta) 1232.2. Its constellation is not given; ours is that of the instance
 ``multi-beam``. The dual lookahead plays the problem of identical beams, with ranks priced after alpha(beta); its plan
@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import common
 import numpy as np
 
+from experiments import common
 from sapopt import solve
 from sapopt.domains.instances import scenario
 from sapopt.solvers import HAA, HAAL, DualLookahead, NoHandover

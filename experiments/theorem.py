@@ -4,7 +4,7 @@ No verdict here rests on sapopt, and no number is rounded: benefits, costs and v
 Assignments are tuples, all of them are enumerated, and where several are equally good *all* ways to break the ties
 can be followed, so that a claim does not rest on how ties are broken.
 
-    python experiments/theorem.py [tests/data/theorem_counterexamples.json] [--out results/theorem]
+    python -m experiments.theorem [tests/data/theorem_counterexamples.json] [--out results/theorem]
 
 Nothing is random and all instances are small: `--seeds` and `--quick` change nothing.
 """
@@ -235,7 +235,7 @@ def load(path: Path = KNOWN) -> list[dict[str, Any]]:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    import common  # the command line and the file of results; no verdict depends on it
+    from experiments import common  # the command line and the file of results; no verdict depends on it
 
     def add(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("file", nargs="?", type=Path, default=KNOWN)

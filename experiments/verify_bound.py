@@ -1,6 +1,6 @@
 """Does HAAL keep the promise of theorem 3.5.1, at least c/(1+c) of the optimum? Random and adversarial instances.
 
-    python experiments/verify_bound.py [--quick] [--seeds 200] [--out results/verify_bound]
+    python -m experiments.verify_bound [--quick] [--seeds 200] [--out results/verify_bound]
 
 `--seeds` is the number of random instances per setting. `--quick` takes about two minutes on two idle cores.
 
@@ -18,12 +18,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import common
 import numpy as np
-import theorem
-import theorem_search as search
 from matplotlib.figure import Figure
 
+from experiments import common, theorem
+from experiments import theorem_search as search
 from sapopt.plotting import ratio_against_c
 
 RANDOM = [
@@ -48,7 +47,7 @@ Row = dict[str, Any]
 def main(argv: Sequence[str] | None = None) -> None:
     run = common.begin(__doc__, "verify_bound", argv, seeds=200, quick_seeds=30)
     rounds, starts = (40_000, 3) if run.quick else (400_000, 12)
-    rows = [row for shape in RANDOM for row in random_rows(*shape, len(run.seeds))]
+    rows = [row for shape in RANDOM for row in random_rows(*shape, run.seeds)]
     rows += [row for setting in ADVERSARIAL for row in adversarial_rows(*setting, rounds, starts)]
     rows += known_rows(rounds // 4)
     print_table(rows)
@@ -89,12 +88,12 @@ def measure(benefits: np.ndarray, cost: int, start: int, lookahead: int, source:
     return out
 
 
-def random_rows(n: int, m: int, T: int, seeds: int) -> list[Row]:
+def random_rows(n: int, m: int, T: int, seeds: Sequence[int]) -> list[Row]:
     """Uniform integer benefits of 0..100 over a floor, with costs from small to large."""
     out = []
     for cost in (10, 50, 200):
         for lookahead in sorted({1, 2, 3, T}):
-            for seed in range(seeds):
+            for seed in seeds:
                 rng = np.random.default_rng([n, m, T, cost, lookahead, seed])
                 floor = int(rng.choice([0, 20, 100, 300]))
                 benefits = rng.integers(0, 101, (T, n, m)) + floor

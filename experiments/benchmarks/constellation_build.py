@@ -1,6 +1,6 @@
 """Time and memory to build a large constellation, as JSON.
 
-Usage: python experiments/benchmarks/constellation_build.py [INSTANCE] [--seed SEED]
+Usage: python -m experiments.benchmarks.constellation_build [INSTANCE] [--seed SEED]
 
 The instance is built once, in this process; compilation is done before on a small one
 and reported by itself. The memory is the highest resident size of the process, Python and libraries included.

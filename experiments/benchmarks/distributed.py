@@ -1,6 +1,6 @@
 """HAAL-D's and CBBA's time per step against one object per agent, in one run, on the mid-size instance.
 
-    python experiments/benchmarks/distributed.py [--steps 20] [--plain-steps 1] [--skip-plain] [--out FILE]
+    python -m experiments.benchmarks.distributed [--steps 20] [--plain-steps 1] [--skip-plain] [--out FILE]
 
 The plain versions send whole tables and handle every agent in a Python loop, see `plain_distributed`. Their assignments
 and rounds are compared with the library's.
@@ -15,8 +15,8 @@ import time
 import networkx as nx
 import numba
 import numpy as np
-from plain_distributed import plain_cbba, plain_haald
 
+from experiments.benchmarks.plain_distributed import plain_cbba, plain_haald
 from sapopt import SAP
 from sapopt.domains.instances import scenario
 from sapopt.solvers import CBBA, HAALD, DistributedDualLookahead

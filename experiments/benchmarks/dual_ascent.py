@@ -1,6 +1,6 @@
 """Compare ways to minimise the Lagrangian dual of the task capacities.
 
-    python experiments/benchmarks/dual_ascent.py constellation-mid constellation-large --seconds 60
+    python -m experiments.benchmarks.dual_ascent constellation-mid constellation-large --seconds 60
 
 Every method starts from zero prices and gets the same processor time (all threads together). Printed: the best value of
 the dual after each quarter of it. Methods that lost live here, so that the comparison can be repeated.

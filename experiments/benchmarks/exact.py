@@ -1,6 +1,6 @@
 """The exact solver beside OR-Tools CP-SAT, on dense random problems with cost 0.5, in one run.
 
-    python experiments/benchmarks/exact.py [--sizes 12x15x12 20x24x20] [--seconds 300] [--seed 0] [--out FILE]
+    python -m experiments.benchmarks.exact [--sizes 12x15x12 20x24x20] [--seconds 300] [--seed 0] [--out FILE]
 
 Sizes are n x m x T. Both get the same time, one after the other. CP-SAT (optional: pip install ortools)
 is given the same network as the exact solver, before any reduction: circuits are not needed, since an agent's path

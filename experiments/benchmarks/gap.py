@@ -1,6 +1,6 @@
 """How close bound and plan of `DualDecomposition` come, against the clock.
 
-    python experiments/benchmarks/gap.py constellation-mid --time-limit 60 [--seeds 0 1 2] [--costs 0.1 0.5 2] [--out F]
+    python -m experiments.benchmarks.gap constellation-mid --time-limit 60 [--seeds 3] [--seed 0] [--costs 0.1 2]
 
 Kernels are compiled before the clock starts. Prints one JSON with value, bound and gap of every run, the times at which
 the gap fell below some marks, and peak memory.
@@ -13,8 +13,8 @@ import json
 import resource
 import sys
 
-from output import finish
-
+from experiments import common
+from experiments.benchmarks.output import finish
 from sapopt import SAP, solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import HAAL, DualDecomposition
@@ -28,14 +28,15 @@ def main() -> None:
     )
     parser.add_argument("instance")
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds for each run")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="seeds of the instance")
+    common.add_seeds(parser)
     parser.add_argument("--costs", type=float, nargs="+", default=[0.5])
     parser.add_argument("--haal", type=int, default=6, help="lookahead of the HAAL run beside it; 0 for none")
     parser.add_argument("--out")
     options = parser.parse_args()
+    seeds = common.seeds_of(parser, options)
     warm = instance("constellation-toy")
     solve(warm, DualDecomposition(rounds=2), time_limit=20)
-    rows = [run(options, seed, cost) for seed in options.seeds for cost in options.costs]
+    rows = [run(options, seed, cost) for seed in seeds for cost in options.costs]
     finish({"rows": rows}, options.out)
 
 

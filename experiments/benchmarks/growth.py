@@ -1,6 +1,6 @@
 """How the time of a step grows with the number of visible pairs: HAAL and DualLookahead, with the fitted exponent.
 
-    python experiments/benchmarks/growth.py [--sizes 324 600 1000 2000 4225] [--steps 5] [--out FILE] [--quick]
+    python -m experiments.benchmarks.growth [--sizes 324 600 ...] [--steps 5] [--seeds 1] [--quick] [--out FILE]
 
 Walker constellations with as many random tasks as satellites; a satellite of a constellation twice as large sees twice
 as many tasks, so the visible pairs grow with the square of the size. The time is processor time per step, the first
@@ -19,8 +19,9 @@ from typing import Any
 
 import numba
 import numpy as np
-from output import finish
 
+from experiments import common
+from experiments.benchmarks.output import finish
 from sapopt import SAP
 from sapopt.data.windows import WindowSums
 from sapopt.domains import constellation as c
@@ -45,17 +46,18 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", choices=list(SHELLS), default=list(SHELLS))
     parser.add_argument("--window", type=int, default=6, help="lookahead of both")
     parser.add_argument("--steps", type=int, default=5, help="steps timed")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    common.add_seeds(parser)
     parser.add_argument("--quick", action="store_true", help="the two smallest sizes")
     parser.add_argument("--out")
     options = parser.parse_args()
+    seeds = common.seeds_of(parser, options)
     numba.set_num_threads(1)
     sizes = options.sizes[:2] if options.quick else options.sizes
     policies = {"HAAL": HAAL(options.window), "DualLookahead": DualLookahead(options.window)}
     for policy in policies.values():
         step_seconds(instance("constellation-toy"), policy, 2)
     rows = []
-    for seed in options.seeds:
+    for seed in seeds:
         for size in sizes:
             steps = options.steps + options.window
             built = c.walker_constellation(SHELLS[size], c.random_tasks(size, seed), steps)

@@ -1,6 +1,6 @@
 """HAAL's time per step against plain Algorithm 2, in one run, on the same steps.
 
-    python experiments/benchmarks/haal_speed.py [--sizes mid 1000 4225] [--lookahead 6] [--out FILE]
+    python -m experiments.benchmarks.haal_speed [--sizes mid 1000 4225] [--lookahead 6] [--out FILE]
 
 Plain Algorithm 2 solves every sequence of intervals from scratch on dense matrices with scipy, as the published code
 does; a few steps of it are timed (one step takes minutes at 4225), and its assignments are compared with HAAL's.
@@ -19,8 +19,8 @@ import platform
 import time
 
 import numpy as np
-from plain import plain_step
 
+from experiments.benchmarks.plain import plain_step
 from sapopt import SAP
 from sapopt.data.windows import WindowSums
 from sapopt.domains.instances import instance

@@ -1,7 +1,7 @@
 """DualLookahead against HAAL with the same lookahead: value, share of the proven bound, time per step.
 
-    python experiments/benchmarks/lookahead.py [--instance constellation-mid] [--windows 1 2 3 6 10 20]
-        [--seeds 0 ... 9] [--bound-time 60] [--out FILE]
+    python -m experiments.benchmarks.lookahead [--instance constellation-mid] [--windows 1 2 3 6 10 20]
+        [--seeds 10] [--seed 0] [--bound-time 60] [--out FILE]
 
 The bound is that of `bound(problem)`; ``--bound-time 0`` leaves it out. Kernels are compiled before the clock starts.
 """
@@ -13,8 +13,9 @@ import json
 import sys
 
 import numpy as np
-from output import finish
 
+from experiments import common
+from experiments.benchmarks.output import finish
 from sapopt import bound, solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import HAAL, DualLookahead
@@ -26,18 +27,19 @@ def main() -> None:
     )
     parser.add_argument("--instance", default="constellation-mid")
     parser.add_argument("--windows", type=int, nargs="+", default=[1, 2, 3, 6, 10, 20])
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    common.add_seeds(parser)
     parser.add_argument("--bound-time", type=float, default=60.0)
     parser.add_argument(
         "--haal-up-to", type=int, default=6, help="largest lookahead at which HAAL is run too"
     )
     parser.add_argument("--out")
     options = parser.parse_args()
+    seeds = common.seeds_of(parser, options)
     toy = instance("constellation-toy")
     solve(toy, DualLookahead(3))
     solve(toy, HAAL(3))
     rows = []
-    for seed in options.seeds:
+    for seed in seeds:
         problem = instance(options.instance, seed=seed)
         proven = bound(problem, time_limit=options.bound_time).value if options.bound_time else None
         for window in options.windows:

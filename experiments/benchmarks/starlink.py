@@ -1,6 +1,6 @@
 """HAAL, the dual lookahead and the whole-horizon bound on real Starlink element sets, with time and memory.
 
-    python experiments/benchmarks/starlink.py [--instance starlink] [--tasks 4500 10000] [--steps 93] [--window 6]
+    python -m experiments.benchmarks.starlink [--instance starlink] [--tasks 4500 10000] [--steps 93] [--window 6]
         [--time-limit 300] [--seed 0] [--out FILE]
 
 Satellites by SGP4 over a rotating Earth. Shares are those of the bound that `DualDecomposition` proves for the whole
@@ -18,8 +18,8 @@ import time
 from typing import Any
 
 import numpy as np
-from output import finish
 
+from experiments.benchmarks.output import finish
 from sapopt import solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import HAAL, DualDecomposition, DualLookahead

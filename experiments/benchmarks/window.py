@@ -1,6 +1,6 @@
 """One certified step of a very large constellation: bound and plan of a window, with time and memory.
 
-    python experiments/benchmarks/window.py [--planes 100] [--tasks 30000] [--window 6] [--iterations 80] [--out FILE]
+    python -m experiments.benchmarks.window [--planes 100] [--tasks 30000] [--window 6] [--iterations 80] [--out FILE]
 
 Three Walker shells of ``planes x 100`` satellites and random tasks. The bound is proven for the problem of the window,
 the value is that of a plan for it; kernels are compiled before the clock starts.
@@ -12,8 +12,7 @@ import argparse
 import resource
 import time
 
-from output import finish
-
+from experiments.benchmarks.output import finish
 from sapopt import solve
 from sapopt.domains import constellation as c
 from sapopt.domains.instances import instance

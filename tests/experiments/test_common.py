@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import common
-import fig_optimal_comparison
 import numpy as np
 import pytest
 
 import sapopt
+from experiments import common, fig_optimal_comparison
 
 
 def begin(tmp_path: Path, *argv: str) -> common.Run:
@@ -19,12 +18,19 @@ def begin(tmp_path: Path, *argv: str) -> common.Run:
 
 
 @pytest.mark.parametrize(
-    ("argv", "seeds"), [([], 5), (["--quick"], 2), (["--seeds", "3"], 3), (["--quick", "--seeds", "4"], 4)]
+    ("argv", "seeds"),
+    [
+        ([], (0, 1, 2, 3, 4)),
+        (["--quick"], (0, 1)),
+        (["--seeds", "3"], (0, 1, 2)),
+        (["--quick", "--seeds", "4"], (0, 1, 2, 3)),
+        (["--seeds", "2", "--seed", "11"], (11, 12)),
+    ],
 )
-def test_seeds(tmp_path: Path, argv: list[str], seeds: int) -> None:
-    """The number of seeds is what was asked for, else that of a full or a quick run."""
+def test_seeds(tmp_path: Path, argv: list[str], seeds: tuple[int, ...]) -> None:
+    """The seeds are as many as were asked for, else those of a full or a quick run, from the first one named on."""
     run = begin(tmp_path, *argv)
-    assert run.seeds == tuple(range(seeds))
+    assert run.seeds == seeds
     assert run.quick is ("--quick" in argv)
 
 

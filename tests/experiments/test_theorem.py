@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import random
-import sys
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from experiments import theorem
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.solvers import HAA, HAAL, HAALD, CentralHAALD
 from sapopt.solvers.exact import Exact
 
-EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
-
-
-def script(name: str) -> Any:
-    """An experiment as a module."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, EXPERIMENTS / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[name] = module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[name]
-
-
-theorem = script("theorem")
 KNOWN = theorem.load()
 VIOLATES = {
     "A_simple_n3m4_T5_L4", "B2_simple_n3m5_T8_L8_c5", "B_simple_n3m5_T8_L8", "C_simple_n3m4_T7_L7",

@@ -45,7 +45,7 @@ class Exact:
         stays (``n m T (T + 1) / 2``) it is branch and price over stays, with as many threads as numba uses; else a
         mixed-integer programme over the time-expanded network, from which prices have removed the arcs that no better
         plan can use. "milp": the `cvxpy` programme, solved by HiGHS. "qap": the Koopmans-Beckmann problem of eq. 1.4,
-        linearised; `SwitchingCost` only, tiny problems. "dp": brute force over joint states; any dynamics, tiny problems.
+        linearised; `SwitchingCost` only, tiny problems. "dp": brute force over joint states; any dynamics, tiny ones.
     tolerance : float
         Relative gap at which a plan counts as optimal.
     reduced_costs : bool
