@@ -62,5 +62,5 @@ def dual_bound(problem: SAP, run: Run, prices: FloatArray | None, device: str) -
         return run.report(done, total, None, value, f"iteration {iteration}")
 
     limit = None if run.time_limit is None else max(run.seconds_left, 0.0)
-    found = ascend(oracle, prices, time_limit=limit, callback=tell, seed=run.seed)
+    found = ascend(oracle, prices, time_limit=limit, callback=tell)
     return Bound(float(found.bound), found.prices, "Lagrangian dual of the task capacities")

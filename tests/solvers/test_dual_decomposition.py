@@ -11,9 +11,9 @@ from switching_problems import optimum, tiny, walking
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.problem.result import Status
 from sapopt.solvers.dual_decomposition import DualDecomposition
-from sapopt.solvers.dual_decomposition.arrays import Arrays
-from sapopt.solvers.dual_decomposition.rolling import rolling_plan
-from sapopt.solvers.dual_decomposition.windowed import windowed_plan
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
+from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
 
 QUICK = DualDecomposition(iterations=80, rounds=4, sweeps=10)
 
@@ -139,14 +139,14 @@ def test_windowed_plans(n: int) -> None:
     problem = walking(n=n)
     prices = solve(problem, DualDecomposition(iterations=80, rounds=0, sweeps=0, repricing=0)).prices
     assert prices is not None
-    dense = rolling_plan(Arrays.of(problem), prices)
+    dense = plan_by_futures(Arrays.of(problem), prices)
     assert dense is not None
     target = problem.evaluate(dense).value
     for options in ({"window": problem.T}, {"window": 8}, {"window": 8, "iterations": 10}):
-        plan = windowed_plan(problem, prices, **options)
+        plan = plan_by_first_rows(problem, prices, **options)
         assert plan is not None
         assert problem.evaluate(plan).value >= 0.98 * target
-    assert windowed_plan(problem, prices, lambda: True) is None
+    assert plan_by_first_rows(problem, prices, lambda: True) is None
 
 
 def test_large_problems_are_planned_from_windows(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,4 +163,4 @@ def test_windowed_plans_need_sparse_values() -> None:
     """Where idling is free the first values have no sparse form."""
     problem = SAP(np.ones((3, 2, 3)), SwitchingCost(0.1, idle_is_free=True))
     with pytest.raises(ValueError, match="sparse"):
-        windowed_plan(problem, np.zeros((3, 3)))
+        plan_by_first_rows(problem, np.zeros((3, 3)))

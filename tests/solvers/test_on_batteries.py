@@ -18,7 +18,7 @@ from sapopt.formulations.network import compile as compile_network
 from sapopt.problem.result import Status
 from sapopt.proofs.plain import plain_bound, plain_value
 from sapopt.solvers import HAA, DualDecomposition, DualLookahead, Exact
-from sapopt.solvers.dual_decomposition import paths
+from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
 
 QUICK = DualDecomposition(iterations=80, rounds=2, sweeps=10, repricing=10)
 
@@ -136,7 +136,7 @@ def test_sweeps_without_a_placing_oracle_do_the_same() -> None:
     compiled = problem.model.path_oracle(problem.benefits, state)
     plain = LocalOracle(problem.benefits, problem.model.local_model(problem.benefits, state))
     values = [
-        problem.evaluate(paths.sweep(oracle, plan, prices, np.random.default_rng(1))).value
+        problem.evaluate(OraclePlans(problem, oracle).sweep(plan, prices, np.random.default_rng(1))).value
         for oracle in (compiled, plain)
     ]
     assert values[0] == pytest.approx(values[1], abs=1e-9)

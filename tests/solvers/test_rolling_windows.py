@@ -7,20 +7,21 @@ import pytest
 from switching_problems import optimum, tiny, walking
 
 from sapopt import SAP
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.dual import ascend
 from sapopt.running.outlook import rollout
 from sapopt.solvers import HAA
-from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
-from sapopt.solvers.dual_decomposition.rolling import rolling_plan
-from sapopt.solvers.dual_decomposition.rolling_windows import rolling_windows
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
+from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
 
 
-def prices_of(problem: SAP) -> Floats:
+def prices_of(problem: SAP) -> FloatArray:
     """Settled prices."""
     return ascend(problem.model.path_oracle(problem.benefits, problem.initial_state())).prices
 
 
-def planned(problem: SAP, prices: Floats, **options: object) -> Ints | None:
+def planned(problem: SAP, prices: FloatArray, **options: object) -> IntArray | None:
     """The plan of the rolling windows, from HAA's."""
     start = rollout(problem, HAA()).plan
     return rolling_windows(Arrays.of(problem), start, prices, np.random.default_rng(0), **options)  # type: ignore[arg-type]
@@ -45,7 +46,7 @@ def test_dear_moves_are_planned_better_than_step_by_step() -> None:
     for seed in range(5):
         problem = walking(seed, cost=1.0)
         prices = prices_of(problem)
-        plan, other = planned(problem, prices), rolling_plan(Arrays.of(problem), prices)
+        plan, other = planned(problem, prices), plan_by_futures(Arrays.of(problem), prices)
         assert plan is not None
         assert other is not None
         windows += problem.evaluate(plan).value
@@ -58,7 +59,7 @@ def test_prices_are_improved_before_every_window_but_the_first() -> None:
     problem = walking(0, cost=2.0)
     seen: list[int] = []
 
-    def reprice(k: int, held: Ints, prices: Floats) -> Floats:
+    def reprice(k: int, held: IntArray, prices: FloatArray) -> FloatArray:
         assert held.shape == (problem.n,)
         assert len(prices) == problem.T - k
         seen.append(k)

@@ -19,7 +19,8 @@ import numpy as np
 from numba import njit, prange
 
 from sapopt.data.feasibility import InfeasibleError, explain_infeasible
-from sapopt.dynamics.paths.oracles import FloatArray, IntArray, PathOracle
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import PathOracle
 
 
 @dataclass(frozen=True, eq=False)

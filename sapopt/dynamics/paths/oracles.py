@@ -15,12 +15,10 @@ import logging
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+
+from sapopt.data.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @runtime_checkable

@@ -12,9 +12,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths import first_rows as rows
 from sapopt.dynamics.paths.first_rows import FirstRows
-from sapopt.dynamics.paths.oracles import FloatArray, IntArray, PathOracle
+from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching import first as first
 from sapopt.dynamics.switching import hard as kernels
 from sapopt.dynamics.switching import narrow as narrow

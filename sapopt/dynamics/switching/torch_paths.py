@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths import oracles as local
-from sapopt.dynamics.paths.oracles import FloatArray, IntArray, PathOracle
+from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.dynamics.switching.paths import StrictSwitching
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sapopt.dynamics.paths.oracles import FloatArray, PathOracle, SoftPathOracle
+from sapopt.data.types import FloatArray
+from sapopt.dynamics.paths.oracles import PathOracle, SoftPathOracle
 from sapopt.formulations.dual.lagrangian import DualValue, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent, SmoothState
 from sapopt.formulations.dual.subgradient import Subgradient, SubgradientState
@@ -101,14 +102,12 @@ def ascend(
     *,
     state: DualState | None = None,
     time_limit: float | None = None,
-    deadline: float | None = None,
     max_iterations: int | None = None,
     target: float | None = None,
     tolerance: float = 1e-6,
     callback: Callback | None = None,
-    seed: int = 0,
 ) -> DualResult:
-    """Minimise D(mu) over mu >= 0.
+    """Minimise D(mu) over mu >= 0. Nothing is drawn at random: without a time limit a run reproduces exactly.
 
     Parameters
     ----------
@@ -118,17 +117,14 @@ def ascend(
         Prices to start from; the result is never worse than they are.
     state : DualState, optional
         State of an earlier result, to go on from exactly there (`prices` may add better ones).
-    time_limit, deadline : float, optional
-        Seconds from now, and a reading of `time.monotonic`; the ascent stops at the earlier one. The temperature
-        falls faster or slower as the time allows.
+    time_limit : float, optional
+        Seconds. The temperature falls faster or slower as the time allows.
     max_iterations : int, optional
         Most evaluations of all agents' paths (default 2000).
     target : float, optional
         Value of the best plan known; the ascent stops when the bound meets it within the relative `tolerance`.
     callback : callable, optional
         Called as callback(iteration, bound, best prices); a true answer stops the ascent.
-    seed : int
-        Accepted for uniformity: the ascent draws nothing at random, and without a time limit it reproduces exactly.
 
     Returns
     -------
@@ -141,9 +137,7 @@ def ascend(
     """
     T, n, m = oracle.shape
     begin = time.monotonic()
-    stop_at = min(
-        begin + (np.inf if time_limit is None else time_limit), np.inf if deadline is None else deadline
-    )
+    stop_at = begin + (np.inf if time_limit is None else time_limit)
     watch = _Watch(
         stop_at, 2000 if max_iterations is None else max_iterations, target, tolerance, callback, begin
     )

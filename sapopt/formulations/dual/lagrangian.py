@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.dynamics.paths.oracles import FloatArray, IntArray, PathOracle
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import PathOracle
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from sapopt.dynamics.paths.oracles import FloatArray, SoftPathOracle
+from sapopt.data.types import FloatArray
+from sapopt.dynamics.paths.oracles import SoftPathOracle
 
 
 @runtime_checkable

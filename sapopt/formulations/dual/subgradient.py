@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sapopt.dynamics.paths.oracles import FloatArray, PathOracle
+from sapopt.data.types import FloatArray
+from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.formulations.dual.lagrangian import DualValue, dual_value
 
 

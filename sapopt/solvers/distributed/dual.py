@@ -41,7 +41,6 @@ class _Prices:
 
     k: int
     slot_ptr: IntArray
-    slot_task: np.ndarray
     place: np.ndarray
     price: FloatArray
 
@@ -131,7 +130,7 @@ class DistributedDualLookahead(Talks):
         network = scene.network
         if last is not None:
             kernels.carry_prices(
-                network.link_start, network.links, last.slot_ptr, last.slot_task, last.price, last.place,
+                network.link_start, network.links, last.price, last.place,
                 outlook.k - last.k, slot_ptr, slot_task, price,
             )  # fmt: skip
             scene.simulator.deliver(
@@ -148,11 +147,9 @@ class DistributedDualLookahead(Talks):
             )  # fmt: skip
             price = mean
             scene.simulator.deliver(_packets(network, sent, self.hops, 4 * (steps + 1)))
-        tasks, gains = kernels.first_gains(
-            slot_ptr, slot_task, benefit, price, place, held, cost, idle_is_free
-        )
+        tasks, gains = kernels.first_gains(slot_ptr, slot_task, benefit, price, held, cost, idle_is_free)
         matrix = GainMatrix(slot_ptr, tasks, gains, np.full(n, -1), np.zeros(n), 0.0, m, True)
-        return matrix, _Prices(outlook.k, slot_ptr, slot_task, place, price)
+        return matrix, _Prices(outlook.k, slot_ptr, place, price)
 
 
 def _near(network: Network, hops: int) -> tuple[IntArray, IntArray, IntArray]:

@@ -144,7 +144,7 @@ def iterate(
 
 
 @njit(cache=True, nogil=True)
-def first_gains(slot_ptr, slot_task, benefit, price, place, held, cost, idle_is_free):
+def first_gains(slot_ptr, slot_task, benefit, price, held, cost, idle_is_free):
     """Gain of every slot at the first step over waiting elsewhere, the later steps at their prices.
 
     Returns tasks (slots,) and gains (slots,), rows of the same offsets as the slots, sorted by decreasing gain.
@@ -175,7 +175,7 @@ def first_gains(slot_ptr, slot_task, benefit, price, place, held, cost, idle_is_
 
 @njit(cache=True, nogil=True)
 def carry_prices(
-    link_start, links, old_ptr, old_task, old_price, old_place, shift, slot_ptr, slot_task, price
+    link_start, links, old_price, old_place, shift, slot_ptr, slot_task, price
 ):  # fmt: skip
     """Prices of the new window: an agent's own, or for a task new to it the mean of the neighbours that have one."""
     n = len(slot_ptr) - 1

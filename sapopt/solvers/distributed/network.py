@@ -140,11 +140,6 @@ class Network:
         np.maximum.at(out, self.components, self.distances.max(axis=1).astype(np.int64))
         return out
 
-    @property
-    def is_connected(self) -> bool:
-        """Whether every agent can reach every other."""
-        return bool(self.components.max() == 0)
-
     def without(self, dead: np.ndarray, groups: Sequence[np.ndarray] = ()) -> Network:
         """The network without the links of dead agents and without the links that leave a group.
 

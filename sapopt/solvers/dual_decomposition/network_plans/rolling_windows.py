@@ -1,9 +1,9 @@
 """Rolling windows with priced futures: several steps planned together and exactly, of which the first are kept.
 
 Where moves are dear, the tasks that agents hold without serving them get in the way of others for many steps, and an
-assignment of one step (`rolling`) cannot see that. Here the network of a window (`network`) ends in the values of the
-agents' best priced paths to the end of the horizon; this is the relax-and-fix heuristic of lot sizing (Pochet and
-Wolsey 2006, section 3.6) with prices in place of the relaxed variables.
+assignment of one step (`priced_futures`) cannot see that. Here the network of a window (`restricted_flow`) ends in the
+values of the agents' best priced paths to the end of the horizon; this is the relax-and-fix heuristic of lot sizing
+(Pochet and Wolsey 2006, section 3.6) with prices in place of the relaxed variables.
 """
 
 from __future__ import annotations
@@ -15,12 +15,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
-from sapopt.solvers.dual_decomposition.neighbourhoods import parking_tasks, typical_benefit
-from sapopt.solvers.dual_decomposition.network import Network, restricted_network, solve_network
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
+    RestrictedFlow,
+    restricted_flow,
+    solve_flow,
+)
+from sapopt.solvers.dual_decomposition.network_plans.window_search import parking_tasks, typical_benefit
 
 _REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25)
-"""Ladder of regrets, in typical benefits: far larger than in `neighbourhoods`, since agents here leave their paths."""
+"""Ladder of regrets, in typical benefits: far larger than in `window_search`, since agents here leave their paths."""
 
 _LONGEST, _SHORTEST = 12, 4
 """Steps of a window, of which the first half are kept."""
@@ -56,15 +61,15 @@ class _Pace:
 
 def rolling_windows(
     arrays: Arrays,
-    plan: Ints,
-    prices: Floats,
+    plan: IntArray,
+    prices: FloatArray,
     rng: np.random.Generator,
     *,
-    reprice: Callable[[int, Ints, Floats], Floats] | None = None,
+    reprice: Callable[[int, IntArray, FloatArray], FloatArray] | None = None,
     seconds: float = math.inf,
     stop: Callable[[], object] = lambda: False,
-) -> Ints | None:
-    """Return the plan of the rolling windows, or None when ``stop()`` came true or the time did not do.
+) -> IntArray | None:
+    """Return the plan of the rolling windows, or None when ``stop()`` came true or the time was too short.
 
     Parameters
     ----------
@@ -73,7 +78,7 @@ def rolling_windows(
     prices : (T, m)
         Prices of the cells.
     reprice : callable, optional
-        As in `rolling.rolling_plan`, before every window but the first.
+        As in `priced_futures.plan_by_futures`, before every window but the first.
     seconds : float
         Time for everything; the windows get shorter as it demands. The result depends on it, and otherwise on ``rng``.
     """
@@ -91,9 +96,9 @@ def rolling_windows(
             return None
         last, kept = min(first + pace.length, steps), pace.length // 2
         allowed = left * kept / (steps - first)
-        network = _network(arrays, plan, prices, first, last, rng)
+        flow = _fitting_flow(arrays, plan, prices, first, last, rng)
         limit = min(left, _PATIENCE * allowed)
-        found = solve_network(network, plan, arrays.tasks, gap=_GAP, seconds=limit)
+        found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit)
         plan = plan if found is None else found
         if math.isfinite(seconds):
             pace.learn(time.monotonic() - began, allowed)
@@ -102,17 +107,17 @@ def rolling_windows(
         first += kept
 
 
-def _network(
-    arrays: Arrays, plan: Ints, prices: Floats, first: int, last: int, rng: np.random.Generator
-) -> Network:
+def _fitting_flow(
+    arrays: Arrays, plan: IntArray, prices: FloatArray, first: int, last: int, rng: np.random.Generator
+) -> RestrictedFlow:
     """The network of all agents in a window with the largest regret that fits, or else the smallest."""
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
     scale = typical_benefit(arrays, 0, arrays.steps)
     for regret in _REGRETS:
-        network = restricted_network(
+        flow = restricted_flow(
             arrays, plan, prices, everyone, first, last, regret * scale, parking, _ARCS, arrays.steps
         )
-        if len(network.tail) <= _ARCS:
+        if len(flow.tail) <= _ARCS:
             break
-    return network
+    return flow

@@ -14,16 +14,17 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csc_array
 
-from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, lookup, move_cost
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, lookup, move_cost
 
 
 @njit(cache=True, nogil=True)
-def _candidates(kernel, i, plan, prices, first, last, parking, local, tasks):  # type: ignore[no-untyped-def]
+def _candidates(rows, i, plan, first, last, parking, local, tasks):  # type: ignore[no-untyped-def]
     """Collect in ``tasks`` what agent i may use, the seen, the held and ``parking``; return how many.
 
     ``local`` (m,) maps a task to its place in ``tasks`` (-1: absent) and must come in as -1 everywhere.
     """
-    indptr, indices, n = kernel[0], kernel[1], kernel[3]
+    indptr, indices, n = rows.indptr, rows.indices, rows.agents
     count = 0
     if first > 0:
         j = plan[first - 1, i]
@@ -47,14 +48,15 @@ def _candidates(kernel, i, plan, prices, first, last, parking, local, tasks):  #
 
 
 @njit(cache=True, nogil=True)
-def marginals(kernel, i, prices, first, last, before, after, local, tasks, benefit, forward, backward):  # type: ignore[no-untyped-def]
+def marginals(rows, i, prices, first, last, before, after, local, tasks, benefit, forward, backward):  # type: ignore[no-untyped-def]
     """Fill forward[k - first, c] with the best priced path that ends on tasks[c] at step k, backward with what follows.
 
     ``benefit`` (length, len(tasks)) is filled with the agent's benefits. All work on the candidate ``tasks`` alone.
     """
-    indptr, indices, data, n, cost, matrix, idle_is_free = kernel
+    indptr, indices, data, n = rows.indptr, rows.indices, rows.data, rows.agents
+    cost, idle_is_free = rows.cost, rows.idle_is_free
     m = len(tasks)
-    by_pair = matrix.shape[0] > 0
+    by_pair = rows.matrix.shape[0] > 0
     for k in range(first, last):
         row = benefit[k - first]
         row[:m] = 0.0
@@ -64,7 +66,7 @@ def marginals(kernel, i, prices, first, last, before, after, local, tasks, benef
         now = forward[k - first]
         if k == first:
             for c in range(m):
-                now[c] = row[c] - prices[k, tasks[c]] - move_cost(kernel, before, tasks[c], row[c])
+                now[c] = row[c] - prices[k, tasks[c]] - move_cost(rows, before, tasks[c], row[c])
             continue
         old = forward[k - first - 1]
         best = -np.inf
@@ -74,13 +76,13 @@ def marginals(kernel, i, prices, first, last, before, after, local, tasks, benef
             if by_pair:
                 now[c] = -np.inf
                 for a in range(m):
-                    now[c] = max(now[c], old[a] - move_cost(kernel, tasks[a], tasks[c], row[c]))
+                    now[c] = max(now[c], old[a] - move_cost(rows, tasks[a], tasks[c], row[c]))
             else:
                 now[c] = max(old[c], best - cost if row[c] > 0.0 or not idle_is_free else best)
             now[c] += row[c] - prices[k, tasks[c]]
-    end = lookup(kernel, last, i, after) if after >= 0 else 0.0
+    end = lookup(rows, last, i, after) if after >= 0 else 0.0
     for c in range(m):
-        backward[last - 1 - first, c] = -move_cost(kernel, tasks[c], after, end) if after >= 0 else 0.0
+        backward[last - 1 - first, c] = -move_cost(rows, tasks[c], after, end) if after >= 0 else 0.0
     for k in range(last - 2, first - 1, -1):
         row, now, later = benefit[k + 1 - first], backward[k - first], backward[k + 1 - first]
         best = -np.inf
@@ -92,7 +94,7 @@ def marginals(kernel, i, prices, first, last, before, after, local, tasks, benef
                 now[a] = -np.inf
                 for c in range(m):
                     gain = later[c] + row[c] - prices[k + 1, tasks[c]]
-                    now[a] = max(now[a], gain - move_cost(kernel, tasks[a], tasks[c], row[c]))
+                    now[a] = max(now[a], gain - move_cost(rows, tasks[a], tasks[c], row[c]))
         else:
             for c in range(m):
                 now[c] = max(now[c], best)
@@ -106,7 +108,7 @@ def _grown(array):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def near_optimal(kernel, agents, plan, prices, initial, first, last, until, regret, parking, limit):  # type: ignore[no-untyped-def]
+def near_optimal(rows, agents, plan, prices, initial, first, last, until, regret, parking, limit):  # type: ignore[no-untyped-def]
     """Return the cells and arcs of regret at most ``regret`` and those of ``plan``.
 
     Cells are listed agent by agent and step by step: (agent, step, task); arcs: (tail, head, value), where a tail of -1
@@ -127,9 +129,9 @@ def near_optimal(kernel, agents, plan, prices, initial, first, last, until, regr
         i = agents[order]
         before = initial[i] if first == 0 else plan[first - 1, i]
         after = plan[until, i] if until < steps else -1
-        count = _candidates(kernel, i, plan, prices, first, until, parking[order], local, tasks)
+        count = _candidates(rows, i, plan, first, until, parking[order], local, tasks)
         own = tasks[:count]
-        marginals(kernel, i, prices, first, until, before, after, local, own, benefit, forward, backward)
+        marginals(rows, i, prices, first, until, before, after, local, own, benefit, forward, backward)
         best = -np.inf
         for c in range(count):
             best = max(best, forward[0, c] + backward[0, c])
@@ -153,10 +155,10 @@ def near_optimal(kernel, agents, plan, prices, initial, first, last, until, regr
                         a_tail, a_head, a_value = _grown(a_tail), _grown(a_head), _grown(a_value)
                     if k == first:
                         a_tail[arcs] = -1
-                        step = move_cost(kernel, before, own[c], value)
+                        step = move_cost(rows, before, own[c], value)
                     else:
                         a = c_task[u]
-                        step = move_cost(kernel, own[a], own[c], value)
+                        step = move_cost(rows, own[a], own[c], value)
                         planned = held_before == a and held == c
                         if not forward[k - first - 1, a] - step + enter >= floor and not planned:
                             continue
@@ -176,29 +178,29 @@ def near_optimal(kernel, agents, plan, prices, initial, first, last, until, regr
 
 
 @dataclass(frozen=True)
-class Network:
+class RestrictedFlow:
     """Cells and arcs of a window as a packing of agents' paths (see `near_optimal`)."""
 
-    agent: Ints
-    step: Ints
-    task: Ints
-    tail: Ints
-    head: Ints
-    value: Floats
+    agent: IntArray
+    step: IntArray
+    task: IntArray
+    tail: IntArray
+    head: IntArray
+    value: FloatArray
 
 
-def restricted_network(
+def restricted_flow(
     arrays: Arrays,
-    plan: Ints,
-    prices: Floats,
-    agents: Ints,
+    plan: IntArray,
+    prices: FloatArray,
+    agents: IntArray,
     first: int,
     last: int,
     regret: float,
-    parking: Ints,
+    parking: IntArray,
     limit: int = 2**62,
     until: int | None = None,
-) -> Network:
+) -> RestrictedFlow:
     """Return the network of the cells of small regret for ``agents`` in the window; the other agents keep their cells.
 
     Parameters
@@ -222,9 +224,9 @@ def restricted_network(
         others = np.setdiff1d(np.arange(arrays.agents), agents)
         window = np.arange(first, last if until is None else until)
         prices[window[:, None], plan[window[:, None], others]] = np.inf
-    return Network(
+    return RestrictedFlow(
         *near_optimal(
-            arrays.kernel,
+            arrays.rows,
             agents,
             plan,
             prices,
@@ -239,34 +241,34 @@ def restricted_network(
     )
 
 
-def solve_network(
-    network: Network,
-    plan: Ints,
+def solve_flow(
+    flow: RestrictedFlow,
+    plan: IntArray,
     tasks: int,
     *,
     gap: float = 1e-6,
     seconds: float = np.inf,
-) -> Ints | None:
+) -> IntArray | None:
     """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none."""
     import highspy
 
-    arcs = len(network.tail)
-    starts = network.tail < 0
-    rows, contested = _capacity_rows(network, tasks)
+    arcs = len(flow.tail)
+    starts = flow.tail < 0
+    rows, contested = _capacity_rows(flow, tasks)
     # Row layout: one start per agent, conservation per cell (out = in) that is not in the last step, capacity.
-    order, agent_row = np.unique(network.agent, return_inverse=True)
-    inner = network.step < network.step.max()
+    order, agent_row = np.unique(flow.agent, return_inverse=True)
+    inner = flow.step < flow.step.max()
     inner_row = np.cumsum(inner) - 1 + len(order)
     n_rows = len(order) + int(inner.sum()) + contested
     entry = np.arange(arcs)
-    into = inner[network.head]
-    used = rows[network.head] >= 0
+    into = inner[flow.head]
+    used = rows[flow.head] >= 0
     row = np.concatenate(
         [
-            agent_row[network.head[starts]],
-            inner_row[network.head[into]],
-            inner_row[network.tail[~starts]],
-            len(order) + int(inner.sum()) + rows[network.head[used]],
+            agent_row[flow.head[starts]],
+            inner_row[flow.head[into]],
+            inner_row[flow.tail[~starts]],
+            len(order) + int(inner.sum()) + rows[flow.head[used]],
         ]
     )
     column = np.concatenate([entry[starts], entry[into], entry[~starts], entry[used]])
@@ -280,7 +282,7 @@ def solve_network(
     model = highspy.HighsLp()
     model.num_col_, model.num_row_ = arcs, n_rows
     model.sense_ = highspy.ObjSense.kMaximize
-    model.col_cost_ = network.value
+    model.col_cost_ = flow.value
     model.col_lower_, model.col_upper_ = np.zeros(arcs), np.ones(arcs)
     model.row_lower_, model.row_upper_ = lower, upper
     model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
@@ -295,24 +297,24 @@ def solve_network(
         highs.setOptionValue("time_limit", float(seconds))
     highs.passModel(model)
     incumbent = highspy.HighsSolution()
-    held = plan[network.step, network.agent] == network.task
-    chosen = held[network.head] & (starts | held[np.maximum(network.tail, 0)])
+    held = plan[flow.step, flow.agent] == flow.task
+    chosen = held[flow.head] & (starts | held[np.maximum(flow.tail, 0)])
     incumbent.col_value = chosen.astype(float)
     highs.setSolution(incumbent)
     highs.run()
     solution = np.array(highs.getSolution().col_value)
     if len(solution) != arcs:
         return None
-    on = network.head[solution > 0.5]
-    if len(on) != len(np.unique(network.step)) * len(order):
+    on = flow.head[solution > 0.5]
+    if len(on) != len(np.unique(flow.step)) * len(order):
         return None
     better = plan.copy()
-    better[network.step[on], network.agent[on]] = network.task[on]
+    better[flow.step[on], flow.agent[on]] = flow.task[on]
     return better
 
 
-def _capacity_rows(network: Network, tasks: int) -> tuple[Ints, int]:
+def _capacity_rows(flow: RestrictedFlow, tasks: int) -> tuple[IntArray, int]:
     """Number the cells (step, task) that more than one agent may use; -1 for the others."""
-    _, place, count = np.unique(network.step * tasks + network.task, return_inverse=True, return_counts=True)
+    _, place, count = np.unique(flow.step * tasks + flow.task, return_inverse=True, return_counts=True)
     number = np.where(count > 1, np.cumsum(count > 1) - 1, -1)
     return number[place], int((count > 1).sum())

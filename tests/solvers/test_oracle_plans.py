@@ -11,7 +11,7 @@ from sapopt.data.windows import WindowSums
 from sapopt.dynamics.paths import arcs_build
 from sapopt.running.outlook import Outlook
 from sapopt.solvers import HAA
-from sapopt.solvers.dual_decomposition import paths
+from sapopt.solvers.dual_decomposition.oracle_plans import plan_by_first_values
 from sapopt.solvers.dual_lookahead import assign_first
 
 
@@ -33,7 +33,7 @@ def test_a_rolling_plan_builds_one_graph(make, monkeypatch: pytest.MonkeyPatch) 
     prices = np.random.default_rng(0).random((problem.T, problem.m)) * 0.2
     expected = by_fresh_graphs(problem, prices)
     monkeypatch.setattr(arcs_build, "arc_graph", lambda *args: calls.append(args) or plain(*args))
-    plan = paths.rolling_plan(problem, prices)
+    plan = plan_by_first_values(problem, prices)
     assert len(calls) == 1
     np.testing.assert_array_equal(plan, expected)
     assert problem.evaluate(plan).value >= solve(problem, HAA()).value - prices.sum()

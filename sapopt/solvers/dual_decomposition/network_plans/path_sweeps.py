@@ -7,28 +7,38 @@ path of an agent over the free cells is an ordinary longest path.
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
-from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, move_cost
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, move_cost
+from sapopt.solvers.dual_decomposition.plans import closed_prices
+
+Workspace = namedtuple("Workspace", "row values old origin best_task")
+"""Scratch arrays of `best_path`, made once for many paths. Of shape (m,): an agent's benefits at a step, all 0 in
+between, and the values of its best paths to every task at this step and the last; of shape (T, m): where these come
+from, and of shape (T,) the best task of the step before."""
 
 _CLOSED = -1e299
+"""Below the value of any path through open cells."""
 
 _CELLS_AT_ONCE = 10**8
 """Path cells between two looks at the clock, some tenths of a second."""
 
 
 @njit(cache=True)
-def best_path(kernel, i, prices, first, last, before, after, work, path):  # type: ignore[no-untyped-def]
+def best_path(rows, i, prices, first, last, before, after, work, path):  # type: ignore[no-untyped-def]
     """Write agent i's best path over the steps first..last-1 into path[first:last] and return its priced value.
 
     ``before`` is the task held before the first step and ``after`` the one that follows the last (-1: none).
     A price of +inf closes a cell; the value is -inf when no path is open. ``work`` comes from `workspace`.
     """
-    indptr, indices, data, n, cost, matrix, idle_is_free = kernel
-    row, values, old, origin, best_task = work
+    indptr, indices, data, n = rows.indptr, rows.indices, rows.data, rows.agents
+    cost, matrix, idle_is_free = rows.cost, rows.matrix, rows.idle_is_free
+    row, values, old, origin, best_task = work.row, work.values, work.old, work.origin, work.best_task
     m = prices.shape[1]
     by_pair = matrix.shape[0] > 0
     for k in range(first, last):
@@ -37,7 +47,7 @@ def best_path(kernel, i, prices, first, last, before, after, work, path):  # typ
             row[indices[q]] = data[q]
         if k == first:
             for j in range(m):
-                values[j] = row[j] - prices[k, j] - move_cost(kernel, before, j, row[j])
+                values[j] = row[j] - prices[k, j] - move_cost(rows, before, j, row[j])
         elif by_pair:
             old[:] = values
             for j in range(m):
@@ -71,7 +81,7 @@ def best_path(kernel, i, prices, first, last, before, after, work, path):  # typ
     task = 0
     for j in range(m):
         if after >= 0:
-            values[j] -= move_cost(kernel, j, after, end_benefit)
+            values[j] -= move_cost(rows, j, after, end_benefit)
         if values[j] > values[task]:
             task = j
     result = values[task]
@@ -88,7 +98,7 @@ def best_path(kernel, i, prices, first, last, before, after, work, path):  # typ
 @njit(cache=True)
 def workspace(steps, tasks):  # type: ignore[no-untyped-def]
     """Return the scratch arrays of `best_path`."""
-    return (
+    return Workspace(
         np.zeros(tasks),
         np.zeros(tasks),
         np.zeros(tasks),
@@ -98,8 +108,8 @@ def workspace(steps, tasks):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def place(kernel, initial, order, prices, open_prices, plan, held):  # type: ignore[no-untyped-def]
-    """Let the agents of ``order`` re-plan one by one: each frees its cells (if ``held``) and takes its best open path.
+def place(rows, initial, order, prices, open_prices, plan):  # type: ignore[no-untyped-def]
+    """Let the agents of ``order`` re-plan one by one: each frees its cells and takes its best open path.
 
     ``prices`` (T, m) has +inf at taken cells and is kept so; ``open_prices`` are the prices of free cells.
     Returns False when an agent found no open path (its cells stay free and its column of the plan is stale).
@@ -108,10 +118,9 @@ def place(kernel, initial, order, prices, open_prices, plan, held):  # type: ign
     work = workspace(steps, m)
     path = np.zeros(steps, np.int64)
     for i in order:
-        if held:
-            for k in range(steps):
-                prices[k, plan[k, i]] = open_prices[k, plan[k, i]]
-        if best_path(kernel, i, prices, 0, steps, initial[i], -1, work, path) < _CLOSED:
+        for k in range(steps):
+            prices[k, plan[k, i]] = open_prices[k, plan[k, i]]
+        if best_path(rows, i, prices, 0, steps, initial[i], -1, work, path) < _CLOSED:
             return False
         for k in range(steps):
             plan[k, i] = path[k]
@@ -119,29 +128,13 @@ def place(kernel, initial, order, prices, open_prices, plan, held):  # type: ign
     return True
 
 
-def closed_prices(prices: Floats, plan: Ints) -> Floats:
-    """Return ``prices`` (T, m) with +inf at the cells which ``plan`` (T, n) holds."""
-    closed = prices.copy()
-    closed[np.arange(len(plan))[:, None], plan] = np.inf
-    return closed
-
-
-def plan_from_prices(arrays: Arrays, prices: Floats, rng: np.random.Generator) -> Ints | None:
-    """Return a plan (T, n) in which agents, in random order, take their best path; None when one finds none open."""
-    plan = np.zeros((arrays.steps, arrays.agents), np.int64)
-    order = rng.permutation(arrays.agents)
-    if place(arrays.kernel, arrays.initial, order, prices.copy(), prices, plan, False):
-        return plan
-    return None
-
-
-def sweep(
+def sweep_by_arrays(
     arrays: Arrays,
-    plan: Ints,
-    prices: Floats,
+    plan: IntArray,
+    prices: FloatArray,
     rng: np.random.Generator,
     seconds_left: Callable[[], float] = lambda: math.inf,
-) -> Ints:
+) -> IntArray:
     """Return the plan (T, n) after the agents, in random order, moved to their best paths under ``prices`` (T, m)."""
     moved = plan.copy()
     order = rng.permutation(arrays.agents)
@@ -149,5 +142,5 @@ def sweep(
     for part in np.array_split(order, 1 + arrays.steps * arrays.agents * arrays.tasks // _CELLS_AT_ONCE):
         if seconds_left() <= 0:
             break
-        place(arrays.kernel, arrays.initial, part, closed, prices, moved, True)
+        place(arrays.rows, arrays.initial, part, closed, prices, moved)
     return moved

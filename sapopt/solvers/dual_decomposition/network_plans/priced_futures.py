@@ -15,19 +15,21 @@ import numpy as np
 from numba import njit, prange
 from scipy.optimize import linear_sum_assignment
 
-from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints, move_cost
-from sapopt.solvers.dual_decomposition.assignment import assign
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, move_cost
+from sapopt.solvers.dual_decomposition.network_plans.priced_assignment import assign
 
 _LARGE = 4_000_000
 """Pairs above which the assignment starts from the prices even where a free task then counts as worth its price."""
 
 
 @njit(cache=True, parallel=True)
-def priced_futures(kernel, prices, start, end, futures):  # type: ignore[no-untyped-def]
+def priced_futures(rows, prices, start, end, futures):  # type: ignore[no-untyped-def]
     """Fill futures[k - start, i, j] with the value of agent i's best path after it held task j at step k < end."""
-    indptr, indices, data, n, cost, matrix, idle_is_free = kernel
+    indptr, indices, data, n = rows.indptr, rows.indices, rows.data, rows.agents
+    cost, idle_is_free = rows.cost, rows.idle_is_free
     steps, m = prices.shape
-    by_pair = matrix.shape[0] > 0
+    by_pair = rows.matrix.shape[0] > 0
     for i in prange(n):
         now, enter, row = np.zeros(m), np.empty(m), np.zeros(m)
         for k in range(steps - 1, start - 1, -1):
@@ -48,7 +50,7 @@ def priced_futures(kernel, prices, start, end, futures):  # type: ignore[no-unty
                 now[a] = enter[a]
                 if by_pair:
                     for j in range(m):
-                        now[a] = max(now[a], enter[j] - move_cost(kernel, a, j, row[j]))
+                        now[a] = max(now[a], enter[j] - move_cost(rows, a, j, row[j]))
                 else:
                     now[a] = max(now[a], best)
             for q in range(lo, hi):
@@ -56,25 +58,25 @@ def priced_futures(kernel, prices, start, end, futures):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def step_weights(kernel, k, held, future, weights):  # type: ignore[no-untyped-def]
+def step_weights(rows, k, held, future, weights):  # type: ignore[no-untyped-def]
     """Fill weights[i, j]: benefit at step k, less the handover from held[i], plus future[i, j]."""
-    indptr, indices, data, n, cost, matrix, idle_is_free = kernel
+    indptr, indices, data, n = rows.indptr, rows.indices, rows.data, rows.agents
     for i in range(n):
         row = np.zeros(future.shape[1])
         for q in range(indptr[k * n + i], indptr[k * n + i + 1]):
             row[indices[q]] = data[q]
         for j in range(future.shape[1]):
-            weights[i, j] = future[i, j] + row[j] - move_cost(kernel, held[i], j, row[j])
+            weights[i, j] = future[i, j] + row[j] - move_cost(rows, held[i], j, row[j])
 
 
-def rolling_plan(
+def plan_by_futures(
     arrays: Arrays,
-    prices: Floats,
+    prices: FloatArray,
     stop: Callable[[], Any] = lambda: False,
     *,
     block: int = 10,
-    reprice: Callable[[int, Ints, Floats], Floats] | None = None,
-) -> Ints | None:
+    reprice: Callable[[int, IntArray, FloatArray], FloatArray] | None = None,
+) -> IntArray | None:
     """Return the plan of the rolling assignment, or None when ``stop()`` came true.
 
     Parameters
@@ -98,9 +100,9 @@ def rolling_plan(
         if start > 0 and reprice is not None:
             prices = prices.copy()
             prices[start:] = reprice(start, held, prices[start:])
-        priced_futures(arrays.kernel, prices, start, end, futures)
+        priced_futures(arrays.rows, prices, start, end, futures)
         for k in range(start, end):
-            step_weights(arrays.kernel, k, held, futures[k - start], weights)
+            step_weights(arrays.rows, k, held, futures[k - start], weights)
             if n == m or n * m > _LARGE:
                 held = assign(weights, prices[k])
             else:

@@ -1,38 +1,32 @@
 """Rolling assignment for thousands of agents: sparse first values of a window, priced by the whole horizon.
 
-As `rolling`, but an agent's future is looked at for a window of steps only, and nothing of size (n, m) is built. The
-prices of the window may be improved before each step, from the assignment that is really held.
+As `priced_futures`, but an agent's future is looked at for a window of steps only, and nothing of size (n, m) is
+built. The prices of the window may be improved before each step, from the assignment that is really held.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.first_rows import FirstRowsOracle
-from sapopt.dynamics.paths.oracles import PathOracle, SoftPathOracle
-from sapopt.formulations.dual.lagrangian import lowered
-from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Expired
-from sapopt.solvers.dual_decomposition.arrays import Floats, Ints
-
-_HOT, _COLD, _RATE = 0.05, 0.02, 0.2
-"""Temperatures and step length of the repricing, as in `SmoothDescent`."""
+from sapopt.solvers.dual_decomposition.repricing import repriced_window
 
 
-def windowed_plan(
+def plan_by_first_rows(
     problem: SAP,
-    prices: Floats,
+    prices: FloatArray,
     stop: Callable[[], Any] = lambda: False,
     *,
     window: int = 20,
     iterations: int = 0,
     seconds: Callable[[int], float] = lambda k: np.inf,
-) -> Ints | None:
+) -> IntArray | None:
     """Return the plan (T, n) of the rolling assignment, or None when ``stop()`` came true.
 
     Parameters
@@ -67,7 +61,7 @@ def windowed_plan(
                 f"dynamics: {type(problem.dynamics).__name__} has no sparse values of first tasks"
             )
         if iterations:
-            prices[k:end] = _repriced(oracle, prices[k:end], iterations, seconds(k))
+            prices[k:end] = repriced_window(oracle, prices[k:end], iterations, seconds(k))
         # with a task to spare only prices of zero make the assignment optimal
         start = prices[k] if problem.n == problem.m else None
         try:
@@ -77,17 +71,3 @@ def windowed_plan(
             return None
         state = problem.transition(k, state, plan[k])
     return plan
-
-
-def _repriced(oracle: PathOracle, prices: Floats, iterations: int, seconds: float) -> Floats:
-    if not isinstance(oracle, SoftPathOracle):
-        return prices
-    until = time.monotonic() + seconds
-    descent = SmoothDescent(iterations, hot=_HOT, cold=_COLD, rate=_RATE)
-    walk = descent.begin(prices)
-    cheaper = None
-    while walk.iteration < iterations and time.monotonic() < until:
-        if walk.iteration % 10 == 0:
-            cheaper, walk = descent.cheaper(oracle, walk)
-        walk = descent.step(oracle, walk, cheaper)
-    return lowered(walk.prices)

@@ -11,8 +11,13 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 
-from sapopt.solvers.dual_decomposition.arrays import Arrays, Floats, Ints
-from sapopt.solvers.dual_decomposition.network import Network, restricted_network, solve_network
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
+    RestrictedFlow,
+    restricted_flow,
+    solve_flow,
+)
 
 _REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
 """Ladder of regrets, in typical benefits. Long windows with small regrets pay more than short ones with large."""
@@ -48,15 +53,15 @@ class Effort:
 
 def improved(
     arrays: Arrays,
-    plan: Ints,
-    prices: Floats,
+    plan: IntArray,
+    prices: FloatArray,
     effort: Effort,
     shift: int,
     rng: np.random.Generator,
     *,
     threads: int = 2,
     seconds_left: Callable[[], float] = lambda: math.inf,
-) -> Iterator[Ints]:
+) -> Iterator[IntArray]:
     """Yield ever better plans (T, n): one after each window ``[shift + c * length, shift + (c + 1) * length)``.
 
     Windows that touch depend on each other, so every second one is solved at a time, in parallel. The result depends on
@@ -89,30 +94,30 @@ def improved(
 
 def _improve_window(
     arrays: Arrays,
-    plan: Ints,
-    prices: Floats,
+    plan: IntArray,
+    prices: FloatArray,
     effort: Effort,
     first: int,
     last: int,
     seed: int,
     seconds_left: Callable[[], float],
-) -> Ints:
+) -> IntArray:
     rng = np.random.default_rng(seed)
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, effort.parking, rng)
     scale = typical_benefit(arrays, first, last)
-    network = restricted_network(arrays, plan, prices, everyone, first, last, _GROUP_REGRET * scale, parking)
-    arcs = len(network.tail)
+    flow = restricted_flow(arrays, plan, prices, everyone, first, last, _GROUP_REGRET * scale, parking)
+    arcs = len(flow.tail)
     if arcs <= 2 * effort.arcs:
         groups = [everyone]
     else:
-        groups = _groups(network, arrays.agents, arrays.tasks, 1 + arrays.agents * effort.arcs // arcs, rng)
+        groups = _groups(flow, arrays.agents, arrays.tasks, 1 + arrays.agents * effort.arcs // arcs, rng)
     value = arrays.value(plan)
     for group in groups:
         if seconds_left() <= 0:
             break
-        network = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
-        found = solve_network(network, plan, arrays.tasks, seconds=max(_SHARE_OF_TIME * seconds_left(), 0.01))
+        flow = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
+        found = solve_flow(flow, plan, arrays.tasks, seconds=max(_SHARE_OF_TIME * seconds_left(), 0.01))
         if found is not None:
             found_value = arrays.value(found)
             if found_value >= value:
@@ -129,8 +134,8 @@ def typical_benefit(arrays: Arrays, first: int, last: int) -> float:
 
 
 def parking_tasks(
-    arrays: Arrays, plan: Ints, first: int, last: int, count: int, rng: np.random.Generator
-) -> Ints:
+    arrays: Arrays, plan: IntArray, first: int, last: int, count: int, rng: np.random.Generator
+) -> IntArray:
     """Draw tasks for every agent to wait on, (n, count): spare ones if there are any."""
     if arrays.tasks <= _SMALL_PROBLEM:
         return np.tile(np.arange(arrays.tasks), (arrays.agents, 1))
@@ -141,35 +146,37 @@ def parking_tasks(
 
 def _fitting(
     arrays: Arrays,
-    plan: Ints,
-    prices: Floats,
-    agents: Ints,
+    plan: IntArray,
+    prices: FloatArray,
+    agents: IntArray,
     first: int,
     last: int,
     scale: float,
-    parking: Ints,
+    parking: IntArray,
     arcs: int,
-) -> Network:
+) -> RestrictedFlow:
     """Return the network with the largest regret of the ladder that has at most ``arcs`` arcs, or else the smallest."""
     everything = arrays.tasks <= _SMALL_PROBLEM and len(agents) * (last - first) * arrays.tasks**2 <= arcs
     ladder = (math.inf,) if everything else _REGRETS
     for regret in ladder[:-1]:
-        network = restricted_network(arrays, plan, prices, agents, first, last, regret * scale, parking, arcs)
-        if len(network.tail) <= arcs:
-            return network
-    return restricted_network(arrays, plan, prices, agents, first, last, ladder[-1] * scale, parking)
+        flow = restricted_flow(arrays, plan, prices, agents, first, last, regret * scale, parking, arcs)
+        if len(flow.tail) <= arcs:
+            return flow
+    return restricted_flow(arrays, plan, prices, agents, first, last, ladder[-1] * scale, parking)
 
 
-def _groups(network: Network, agents: int, tasks: int, size: int, rng: np.random.Generator) -> list[Ints]:
+def _groups(
+    flow: RestrictedFlow, agents: int, tasks: int, size: int, rng: np.random.Generator
+) -> list[IntArray]:
     """Split the agents into groups of about ``size`` whose members compete for the same cells."""
-    cell = network.step * tasks + network.task
+    cell = flow.step * tasks + flow.task
     order = np.argsort(cell, kind="stable")
     _, start = np.unique(cell[order], return_index=True)
     cell_start = np.append(start, len(cell))
     place = np.empty(len(cell), np.int64)  # number of the distinct cell at every entry
     place[order] = np.repeat(np.arange(len(start)), np.diff(cell_start))
-    agent_start = np.searchsorted(network.agent, np.arange(agents + 1))
-    label = _grow(cell_start, network.agent[order], agent_start, place, size, rng.permutation(agents))
+    agent_start = np.searchsorted(flow.agent, np.arange(agents + 1))
+    label = _grow(cell_start, flow.agent[order], agent_start, place, size, rng.permutation(agents))
     return [np.flatnonzero(label == g) for g in range(label.max() + 1)]
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+Rows = namedtuple("Rows", "indptr indices data agents cost matrix idle_is_free")
+"""What the kernels know of a problem, the fields of `Arrays` of these names: compressed sparse rows ``(indptr, indices,
+data)``, of which row ``k * agents + i`` holds the benefits of agent i at step k; ``cost``, a number, or where it is not
+empty ``matrix`` (m, m), the cost of every move; and whether a move to a task without benefit is free."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +35,16 @@ class Arrays:
         The assignment before the first step, or -1 where the first step is free.
     """
 
-    indptr: Ints
+    indptr: IntArray
     indices: npt.NDArray[np.int32]
-    data: Floats
+    data: FloatArray
     steps: int
     agents: int
     tasks: int
     cost: float
-    matrix: Floats
+    matrix: FloatArray
     idle_is_free: bool
-    initial: Ints
+    initial: IntArray
 
     @classmethod
     def of(cls, problem: SAP) -> Arrays:
@@ -72,54 +77,56 @@ class Arrays:
         )
 
     @property
-    def kernel(self) -> tuple[Ints, npt.NDArray[np.int32], Floats, int, float, Floats, bool]:
-        """The arguments that every kernel starts with."""
-        return self.indptr, self.indices, self.data, self.agents, self.cost, self.matrix, self.idle_is_free
+    def rows(self) -> Any:
+        """The problem as the kernels take it, a `Rows`."""
+        return Rows(
+            self.indptr, self.indices, self.data, self.agents, self.cost, self.matrix, self.idle_is_free
+        )
 
-    def value(self, plan: Ints) -> float:
+    def value(self, plan: IntArray) -> float:
         """Return the total benefit less the handover costs of ``plan`` (T, n)."""
-        return float(agent_values(self.kernel, self.initial, plan).sum())
+        return float(agent_values(self.rows, self.initial, plan).sum())
 
-    def agent_values(self, plan: Ints) -> Floats:
+    def agent_values(self, plan: IntArray) -> FloatArray:
         """Return each agent's share (n,) of the value of ``plan`` (T, n)."""
-        values: Floats = agent_values(self.kernel, self.initial, plan)
+        values: FloatArray = agent_values(self.rows, self.initial, plan)
         return values
 
 
 @njit(cache=True, inline="always")
-def lookup(kernel, k, i, j):  # type: ignore[no-untyped-def]
+def lookup(rows, k, i, j):  # type: ignore[no-untyped-def]
     """Return the benefit of agent i on task j at step k."""
-    indptr, indices, data, n = kernel[0], kernel[1], kernel[2], kernel[3]
-    lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
+    row = k * rows.agents + i
+    lo, hi = rows.indptr[row], rows.indptr[row + 1]
     while lo < hi:
         mid = (lo + hi) // 2
-        if indices[mid] < j:
+        if rows.indices[mid] < j:
             lo = mid + 1
         else:
             hi = mid
-    if lo < indptr[k * n + i + 1] and indices[lo] == j:
-        return data[lo]
+    if lo < rows.indptr[row + 1] and rows.indices[lo] == j:
+        return rows.data[lo]
     return 0.0
 
 
 @njit(cache=True, inline="always")
-def move_cost(kernel, a, b, benefit):  # type: ignore[no-untyped-def]
+def move_cost(rows, a, b, benefit):  # type: ignore[no-untyped-def]
     """Return the cost of a move from task a (-1: none) to task b, whose benefit at the new step is given."""
     if a == b or a < 0:
         return 0.0
-    if kernel[6] and not benefit > 0.0:
+    if rows.idle_is_free and not benefit > 0.0:
         return 0.0
-    return kernel[5][a, b] if kernel[5].shape[0] > 0 else kernel[4]
+    return rows.matrix[a, b] if rows.matrix.shape[0] > 0 else rows.cost
 
 
 @njit(cache=True)
-def agent_values(kernel, initial, plan):  # type: ignore[no-untyped-def]
+def agent_values(rows, initial, plan):  # type: ignore[no-untyped-def]
     """Return the value of each agent's path (n,)."""
     values = np.zeros(plan.shape[1])
     for i in range(plan.shape[1]):
         previous = initial[i]
         for k in range(plan.shape[0]):
-            benefit = lookup(kernel, k, i, plan[k, i])
-            values[i] += benefit - move_cost(kernel, previous, plan[k, i], benefit)
+            benefit = lookup(rows, k, i, plan[k, i])
+            values[i] += benefit - move_cost(rows, previous, plan[k, i], benefit)
             previous = plan[k, i]
     return values

@@ -1,0 +1,162 @@
+"""The two plan builders of the plain switching rule: with networks of windows, and for thousands of agents without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.problem.sap import SAP
+from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.path_sweeps import sweep_by_arrays
+from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
+from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
+from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
+from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort, improved
+from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Search, repriced_rolling
+
+_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
+"""Windows of the successive rounds, from small ones that go fast to large ones; the last one is repeated."""
+
+_GROUP_ARCS = 10_000
+"""Size of the networks of few agents over the whole horizon."""
+
+_WIDE_GAP = 0.02
+"""Gap of the rolling assignment above which rolling windows, which take longer, are worth their time."""
+
+_WINDOWS_SHARE = 0.8
+"""Share of the time left that rolling windows may take."""
+
+_WINDOW_REPRICINGS = 20
+"""Dual iterations before each of the rolling windows."""
+
+_REPRICING_SHARE = 0.5
+"""Share of the time left that the repricing of a large problem may take."""
+
+_REPRICED_WINDOW = 10
+"""Steps whose prices are improved before each step of a large problem."""
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkPlans:
+    """Plans over flat arrays (a `PlanBuilder`).
+
+    Attributes
+    ----------
+    arrays : Arrays
+        The problem, under a `SwitchingCost`.
+    threads : int
+        Windows solved at the same time.
+    """
+
+    arrays: Arrays
+    threads: int
+    lives_on_prices: bool = False
+
+    def rolling(self, search: Search) -> Iterator[Found]:
+        """A rolling assignment; then rolling windows where it left a wide gap, else another one with repricing."""
+        plan = plan_by_futures(self.arrays, search.settled_prices, lambda: search.report(ROLLING))
+        if plan is not None:
+            yield ROLLING, plan
+        if self.arrays.agents < self.arrays.tasks and search.gap > _WIDE_GAP:
+            yield from self._windows_ahead(search)
+        else:
+            yield from repriced_rolling(
+                search,
+                lambda stop, **options: plan_by_futures(self.arrays, search.settled_prices, stop, **options),
+            )
+
+    def _windows_ahead(self, search: Search) -> Iterator[Found]:
+        phase = "rolling windows"
+        plan = rolling_windows(
+            self.arrays, search.best, search.settled_prices, search.rng,
+            reprice=search.repricing(_WINDOW_REPRICINGS), seconds=_WINDOWS_SHARE * search.seconds_left,
+            stop=lambda: search.report(phase),
+        )  # fmt: skip
+        if plan is not None:
+            yield phase, plan
+
+    def sweep(
+        self,
+        plan: IntArray,
+        prices: FloatArray,
+        rng: np.random.Generator,
+        seconds_left: Callable[[], float] = lambda: math.inf,
+    ) -> IntArray:
+        """See `PlanBuilder`."""
+        return sweep_by_arrays(self.arrays, plan, prices, rng, seconds_left)
+
+    def improve(self, search: Search, turn: int) -> Iterator[Found]:
+        """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
+        effort = _EFFORTS[min(turn // 3, len(_EFFORTS) - 1)]
+        shift = turn % 3 * effort.length // 2
+        if turn % 3 == 2:
+            effort, shift = Effort(self.arrays.steps, _GROUP_ARCS), 0
+        plans = improved(
+            self.arrays, search.best, search.settled_prices, effort, shift, search.rng,
+            threads=self.threads, seconds_left=lambda: search.seconds_left,
+        )  # fmt: skip
+        for plan in plans:
+            yield f"windows of {effort.length} steps", plan
+
+    def promises(self, plan: IntArray, value: float) -> bool:
+        """By the compiled value of the plan."""
+        return self.arrays.value(plan) > value + 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LargeNetworkPlans:
+    """Plans where a matrix of all agents and tasks at every step is too much (a `PlanBuilder`).
+
+    Attributes
+    ----------
+    problem : SAP
+        Its dynamics values first tasks in sparse form (`sapopt.dynamics.paths.first_rows.FirstRowsOracle`).
+    arrays : Arrays
+        The same problem.
+    """
+
+    problem: SAP
+    arrays: Arrays
+    lives_on_prices: bool = True
+
+    def rolling(self, search: Search) -> Iterator[Found]:
+        """Rolling assignments that look at a window of steps, without and with improved prices."""
+
+        def seconds(k: int) -> float:
+            return _REPRICING_SHARE * search.seconds_left / (self.problem.T - k)
+
+        ways: dict[str, dict[str, Any]] = {ROLLING: {}}
+        if search.most_repricings:
+            ways[REPRICED] = {
+                "window": _REPRICED_WINDOW, "iterations": 2 * search.most_repricings, "seconds": seconds
+            }  # fmt: skip
+        for phase, options in ways.items():
+            plan = plan_by_first_rows(
+                self.problem, search.settled_prices, lambda at=phase: search.report(at), **options  # type: ignore[misc]
+            )  # fmt: skip
+            if plan is None:
+                return
+            yield phase, plan
+
+    def sweep(
+        self,
+        plan: IntArray,
+        prices: FloatArray,
+        rng: np.random.Generator,
+        seconds_left: Callable[[], float] = lambda: math.inf,
+    ) -> IntArray:
+        """See `PlanBuilder`."""
+        return sweep_by_arrays(self.arrays, plan, prices, rng, seconds_left)
+
+    def improve(self, search: Search, turn: int) -> Iterator[Found]:
+        """Plan again with the prices as they are now: networks of windows gain less here."""
+        return self.rolling(search)
+
+    def promises(self, plan: IntArray, value: float) -> bool:
+        """By the compiled value of the plan."""
+        return self.arrays.value(plan) > value + 1e-9
