@@ -1,27 +1,21 @@
-"""The dictator: a small problem with a global state, on which greed never pays (Holder 2024, section 6.1).
+"""The dictator: a small problem with a global state, on which greed does not pay (Holder 2024, section 6.1).
 
-The thesis describes it in outline: three agents, three tasks, three states, and the state is in the hands of the first
-agent; the best plan earns 60 in ten steps and alpha(beta_hat) stays with what is best for the dictator now. The numbers
-below are our reading of that outline, not the thesis' table.
+Three agents, three tasks, three states. The first agent dictates the state: ``s_k = x^1_{k-1}``, the task that it held
+at the step before. State, agent and task are counted from 0 here and from 1 in the thesis. The table of values is that
+of the thesis; it does not name the state before the first step, but its 60 for ten steps needs state 0 (its 1).
 
-States 0 and 1 are poor, state 2 is rich. Task 0 is the dictator's own, its best choice of the moment in every state:
-whenever it holds task 0 the state falls to 0, whenever it holds another the state rises by one.
+=====  ========================================================  ===================
+state  value of the best assignment in which the dictator holds  state after that
+       task 0 / 1 / 2
+=====  ========================================================  ===================
+0      6 / 9 / 5                                                 0 / 1 / 2
+1      0.1 / 3.2 / 0.1                                           0 / 1 / 2
+2      0.1 / 0.1 / 3.2                                           0 / 1 / 2
+=====  ========================================================  ===================
 
-=====  =======================================  ===================
-state  value of the best assignment in which    state after that
-       the dictator holds task 0 / 1 / 2
-=====  =======================================  ===================
-0      3 / 2 / 1                                0 / 1 / 1
-1      3 / 1 / 1                                0 / 2 / 2
-2      8 / 5 / 7                                0 / 2 / 2
-=====  =======================================  ===================
-
-Staying selfish earns 3 a step, 30 in all. The best plan gives up 1 and 2 in the first two steps, earns 7 in each of the
-next seven, and takes the 8 at the end: 2 + 1 + 7 * 7 + 8 = 60.
-
-The dictator itself earns most by staying selfish: 3 a step, against 1 where everybody is rich. Left to itself it never
-moves. Whoever holds task 0 in the dictator's place sees the state rise, and with it what it will earn;
-in an assignment of everybody's values that outweighs the dictator's.
+The dictator's own best task is task 1: it earns 3 with it in states 0 and 1, against the 2 of task 0. Greed, and with
+it ``alpha(beta_hat)``, takes it at once and stays: 9 + 9 * 3.2 = 37.8 in ten steps. Holding (0, 1, 2) for ever earns
+60, which the thesis calls the optimum; the best plan of ten steps earns 63, for it takes the bait of 9 at the last.
 """
 
 from __future__ import annotations
@@ -34,13 +28,13 @@ import numpy as np
 if TYPE_CHECKING:
     from sapopt.problem.sap import SAP
 
-_POOR = [[3.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-_POORER = [[3.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-_RICH = [[4.0, 0.0, 1.0], [3.0, 2.0, 1.0], [3.0, 3.0, 2.0]]
-VALUES = np.array([_POOR, _POORER, _RICH])
+_FIRST = [[2.0, 3.0, 0.0], [0.0, 2.0, 3.0], [3.0, 0.0, 2.0]]
+_SECOND = [[0.0, 3.0, 0.0], [0.0, 0.0, 0.1], [0.1, 0.0, 0.0]]
+_THIRD = [[0.0, 0.0, 3.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]
+VALUES = np.array([_FIRST, _SECOND, _THIRD])
 """beta_hat of each state, shape (3 states, 3 agents, 3 tasks)."""
-LEADS_TO = np.array([[0, 1, 1], [0, 2, 2], [0, 2, 2]])
-"""Next state, by state and task of the dictator."""
+LEADS_TO = np.array([[0, 1, 2], [0, 1, 2], [0, 1, 2]])
+"""Next state, by state and task of the dictator: the task itself, whatever the state."""
 
 
 @dataclass(frozen=True)

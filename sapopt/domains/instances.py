@@ -214,7 +214,7 @@ def _starlink(seed: int, steps: int = 93, tasks: int = 4500, earth: Any = "rotat
 
 @register(
     "dictator",
-    "3 agents, 3 tasks, 3 states that the first agent sets, 10 steps; greed earns 30 of 60; Holder 2024, 6.1",
+    "3 agents, 3 tasks, 3 states that the first agent sets, 10 steps; greed earns 37.8 of 63; Holder 2024, 6.1",
     (10, 3, 3),
     cost=0.0,
 )

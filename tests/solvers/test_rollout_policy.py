@@ -77,9 +77,9 @@ def test_finds_what_neither_finds_alone() -> None:
 
 
 def test_the_dictator_gives_way() -> None:
-    """Greed earns 30; asked what a random assignment leads to, greed itself plays on to more."""
+    """Greed earns 37.8 of 63; asked what the best constant assignment leads to, it waits for the last step."""
     problem = instance("dictator")
-    generous = AssignmentPolicy(lambda outlook: np.eye(3)[[2, 0, 1]])
+    generous = AssignmentPolicy(lambda outlook: np.eye(3))
     found = solve(problem, RolloutPolicy(generous, [HAA()])).value
     assert found > solve(problem, generous).value > solve(problem, HAA()).value
 
