@@ -28,6 +28,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "constellation-toy": {"steps": 5},
     "dictator": {"steps": 4},
     "earth-coverage": {"steps": 3},
+    "earth-coverage-thesis": {"steps": 3},
     "interference": {"steps": 3, "tasks": 40, "planes": 4, "per_plane": 6},
     "multi-beam": {"steps": 3, "tasks": 150, "beams": 2},
     "power": {"steps": 3},

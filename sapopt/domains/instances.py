@@ -226,7 +226,7 @@ def _dictator(seed: int, steps: int = 10) -> Scenario:
 
 @register(
     "earth-coverage",
-    "324 satellites, 450 random tasks of priority 1 or 5, 100 steps, idling is free; Holder 2024, 6.3",
+    "324 satellites, 450 random tasks of priority 1 or 5, 100 steps, idling is free; the published code of Holder 2024",
     (100, 324, 450),
 )
 def _earth_coverage(seed: int, steps: int = 100, tasks: int = 450, earth: Any = "still") -> Scenario:
@@ -236,8 +236,21 @@ def _earth_coverage(seed: int, steps: int = 100, tasks: int = 450, earth: Any = 
 
 
 @register(
+    "earth-coverage-thesis",
+    "324 satellites, 450 random tasks of priority 1, 93 minutes, idling is free; Holder 2024, 6.3",
+    (93, 324, 450),
+)
+def _earth_coverage_thesis(
+    seed: int, steps: int = 93, tasks: int = 450, earth: Any = "still", j2: bool = False
+) -> Scenario:
+    from sapopt.domains.power import earth_coverage
+
+    return earth_coverage(seed, steps=steps, tasks=tasks, earth=earth, j2=j2)
+
+
+@register(
     "power",
-    "324 satellites on batteries, 450 random tasks of priority 1 or 5, 100 steps; Holder 2024, 6.4",
+    "324 satellites on batteries, 450 random tasks of priority 1 or 5, 100 steps; Holder 2024, 6.4, as published",
     (100, 324, 450),
 )
 def _power(

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from sapopt.problem.sap import SAP
 
 PRIORITIES = (1.0, 1.0, 1.0, 5.0)
-"""Priorities of tasks are drawn from these with equal chances."""
+"""Priorities of tasks are drawn from these with equal chances (published code; not in the thesis)."""
 
 PUBLISHED_SHELL = WalkerShell(18, 18, 58.0, 550.0)
 
 STEP_S = 63.76
-"""Seconds from one step to the next."""
+"""Seconds from one step to the next (published code; the thesis has steps of a minute)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class PowerConstellation:
     ----------
     constellation : Constellation
         Satellites, tasks and benefits.
-    initial_assignment : ndarray of int64, shape (n,)
-        A random assignment, held before the first step.
+    initial_assignment : ndarray of int64, shape (n,), or None
+        Held before the first step; without it the first step pays no handover.
     battery : bool
         Whether the satellites have batteries (section 6.4); without, idling is free and that is all (6.3).
     pay_for : {"moves", "entries"}
@@ -44,7 +44,7 @@ class PowerConstellation:
     """
 
     constellation: Constellation
-    initial_assignment: IntArray
+    initial_assignment: IntArray | None
     battery: bool = True
     pay_for: PayFor = "moves"
 
@@ -103,7 +103,10 @@ def power_constellation(
     earth: Any = "still",
     j2: bool = False,
 ) -> PowerConstellation:
-    """The environment of section 6.4, or without batteries that of 6.3, at the published settings.
+    """The environment of section 6.4, or without batteries one like that of 6.3, at the published code's settings.
+
+    Priorities, the length of a step, the random initial assignment, latitudes within 55 degrees and the still Earth
+    are not in the thesis' text. `earth_coverage` is section 6.3 by the text.
 
     Parameters
     ----------
@@ -127,3 +130,25 @@ def power_constellation(
         raise ValueError(f"tasks must be at least the number of satellites, {built.n}, got {tasks}")
     start = np.random.default_rng([seed, 1]).permutation(built.m)[: built.n]
     return PowerConstellation(built, start, battery, pay_for)
+
+
+def earth_coverage(
+    seed: int = 0, *, steps: int = 93, tasks: int = 450, earth: Any = "still", j2: bool = False
+) -> PowerConstellation:
+    """The environment of section 6.3 of Holder (2024), by its text: every task is worth 1, idling is free.
+
+    324 satellites, an orbit in steps of a minute, as in 4.2.1; "the only difference is that beta_max is 1 for all
+    tasks and that handover penalties are only applied when switching to a meaningful task". The places of the tasks
+    are those of `random_tasks`, and the Earth stands still, as in ``constellation-mid``.
+
+    Parameters
+    ----------
+    seed : int
+        Decides the places of the tasks.
+    steps, tasks : int
+    earth, j2
+        As in `walker_constellation`.
+    """
+    ground = random_tasks(tasks, seed, priorities=(1.0,))
+    built = walker_constellation(PUBLISHED_SHELL, ground, steps, earth=earth, j2=j2)
+    return PowerConstellation(built, None, battery=False)

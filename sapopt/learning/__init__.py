@@ -12,7 +12,7 @@ except ImportError as error:
 
 from sapopt.learning.environment import Environment
 from sapopt.learning.network import Network, load_network, save_network
-from sapopt.learning.observation import ObservationSpec
+from sapopt.learning.observation import ObservationSpec, ThesisObservation
 from sapopt.learning.options import TrainOptions
 from sapopt.learning.reda import REDA
 from sapopt.learning.train import Training, train
@@ -22,6 +22,7 @@ __all__ = [
     "Environment",
     "Network",
     "ObservationSpec",
+    "ThesisObservation",
     "TrainOptions",
     "Training",
     "load_network",

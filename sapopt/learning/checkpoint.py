@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 from sapopt.data.types import IntArray
 from sapopt.learning.network import Network
 
-FORMAT = "sapopt-checkpoint-1"
+FORMAT = "sapopt-checkpoint-2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class Checkpoint:
     best_value : float
     adam : torch.optim.Adam
         Optimiser of the online network.
-    episode : int
-        Episodes played.
+    episode, updates : int
+        Episodes played, and gradient steps taken.
     rng : dict
         State of the random generator.
     plans : list of (int, ndarray)
@@ -44,6 +44,7 @@ class Checkpoint:
     best_value: float
     adam: torch.optim.Adam
     episode: int
+    updates: int
     rng: Any
     plans: list[tuple[int, IntArray]]
 
@@ -65,6 +66,7 @@ def save_checkpoint(path: Path, state: Checkpoint, run: dict[str, Any]) -> None:
         "format": FORMAT,
         "run": json.dumps(run, sort_keys=True),
         "episode": str(state.episode),
+        "updates": str(state.updates),
         "best_value": repr(float(state.best_value)),
         "rng": json.dumps(state.rng),
         "seeds": json.dumps([seed for seed, _ in state.plans]),
@@ -117,7 +119,7 @@ def load_checkpoint(path: Path, run: dict[str, Any], like: Checkpoint) -> Checkp
         plans = [(seed, tensors[f"plan.{slot}"].numpy().astype(np.int64)) for slot, seed in enumerate(seeds)]
         return Checkpoint(
             networks["online"], networks["target"], networks["best"], float(meta["best_value"]), adam,
-            int(meta["episode"]), json.loads(meta["rng"]), plans,
+            int(meta["episode"]), int(meta["updates"]), json.loads(meta["rng"]), plans,
         )  # fmt: skip
     except (KeyError, RuntimeError, ValueError) as error:
         raise ValueError(f"{path}: damaged checkpoint ({error}); remove it to start anew") from None

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import torch
 
-from sapopt.data.assignment import best_assignment
+from sapopt.data.assignment import assign, best_assignment
 from sapopt.data.types import IntArray
 from sapopt.learning.checkpoint import Checkpoint
 from sapopt.learning.choices import legal, tasks_of
 from sapopt.learning.environment import Environment
 from sapopt.learning.network import new_network
-from sapopt.learning.observation import gain_matrix
+from sapopt.learning.observation import dense_values, gain_matrix
 from sapopt.learning.options import FRESH, Problems, TrainOptions
 from sapopt.learning.replay import Batch, Episode, Replay, replayed
 from sapopt.problem.sap import SAP
@@ -43,25 +45,30 @@ class Learner:
         self.adam = torch.optim.Adam(self.online.parameters(), lr=options.learning_rate)
         self.replay = Replay(options.memory, options.spec)
         self.episode = 0
+        self.updates = 0
 
     def play_and_learn(self) -> dict[str, float]:
-        """One episode and the gradient steps after it; the row of the log."""
+        """One episode and its gradient steps; the row of the log."""
         options = self.options
         epsilon = options.epsilon(self.episode)
-        episode = self._play(self.problems(options.seed * 100_000 + self.episode), epsilon)
-        self.replay.add(episode)
         for group in self.adam.param_groups:
             group["lr"] = options.rate(self.episode)
-        mean, deviation = self.replay.reward_scale(options.standardise)
-        losses = [
-            self._learn(self.replay.sample(options.stretches, options.stretch, self.rng), mean, deviation)
-            for _ in range(options.gradient_steps)
-        ]
+        episode = self._begun(self.problems(options.seed * 100_000 + self.episode))
+        losses = []
+        if options.after == "step":
+            self.replay.add(episode)
+            for _ in self._steps(episode, epsilon):
+                losses += self._gradient_steps()
+        else:
+            for _ in self._steps(episode, epsilon):
+                pass
+            self.replay.add(episode)
+            losses = self._gradient_steps()
         self.episode += 1
         return {
             "episode": self.episode,
             "steps": self.episode * episode.problem.T,
-            "gradient_steps": self.episode * options.gradient_steps,
+            "gradient_steps": self.updates,
             "epsilon": epsilon,
             "value": float(episode.rewards.sum(dtype=np.float64)),
             "loss": float(np.mean(losses)),
@@ -69,37 +76,63 @@ class Learner:
 
     def evaluate(self) -> float:
         """Mean value over fresh episodes without exploration; the best weights are remembered."""
-        values = [
-            self._play(self.problems(FRESH + seed), None).rewards.sum(dtype=np.float64)
-            for seed in range(self.options.evaluations)
-        ]
+        values = []
+        for seed in range(self.options.evaluations):
+            episode = self._begun(self.problems(FRESH + seed))
+            for _ in self._steps(episode, None):
+                pass
+            values.append(episode.rewards.sum(dtype=np.float64))
         value = float(np.mean(values))
         if value > self.best_value:
             self.best_value = value
             self.best.load_state_dict(self.online.state_dict())
         return value
 
-    def _play(self, problem: SAP, epsilon: float | None) -> Episode:
-        """Play an episode; an evaluation (epsilon None) draws nothing, so how often one evaluates changes nothing."""
-        options = self.options
+    def _begun(self, problem: SAP) -> Episode:
+        """An episode of which nothing is played yet."""
+        plan = np.empty((problem.T, problem.n), np.int64)
+        rewards = np.zeros((problem.T, problem.n), np.float32)
+        return Episode(self.options.seed * 100_000 + self.episode, problem, plan, rewards, [])
+
+    def _steps(self, episode: Episode, epsilon: float | None) -> Iterator[None]:
+        """Play an episode, with a stop after every step; an evaluation (epsilon None) draws no random number, so
+        how often one evaluates changes nothing."""
+        problem = episode.problem
         env = Environment(problem, self.shared)
         memory = self.guide.begin(problem, self.rng)
-        plan = np.empty((problem.T, problem.n), np.int64)
-        rewards = np.empty((problem.T, problem.n), np.float32)
-        states = []
+        episode.states.append(env.state)
         while not env.done:
             k = env.k
-            states.append(env.state)
             if epsilon is not None and self.rng.random() < epsilon:
-                plan[k], memory = self.guide.act(env.outlook(), memory)
+                episode.plan[k], memory = self.guide.act(env.outlook(), memory)
             else:
-                seen, listed = env.observe(options.spec)
+                seen, listed = env.observe(self.options.spec)
                 q = self.online.values(seen)
-                if epsilon:
-                    q = q + self.rng.standard_normal(q.shape) * (options.noise * epsilon * np.abs(q).mean())
-                plan[k] = self.decide(q, listed, problem.m)
-            rewards[k] = env.step(plan[k])
-        return Episode(options.seed * 100_000 + self.episode, problem, plan, rewards, states)
+                episode.plan[k] = self._explored(q, listed, problem.m, epsilon or 0.0)
+            episode.rewards[k] = env.step(episode.plan[k])
+            episode.states.append(env.state)
+            yield
+
+    def _explored(self, q: np.ndarray, listed: IntArray, m: int, epsilon: float) -> IntArray:
+        """Tasks (n,) for perturbed values."""
+        size = self.options.noise * epsilon
+        if not size:
+            return self.decide(q, listed, m)
+        if self.options.perturb == "outputs" or self.shared:
+            q = q + self.rng.standard_normal(q.shape) * (size * np.abs(q).mean())
+            return self.decide(q, listed, m)
+        values = dense_values(q, listed, m)
+        values += self.rng.standard_normal(values.shape) * (size * np.abs(values).mean())
+        return assign(values, backend="scipy-dense")
+
+    def _gradient_steps(self) -> list[float]:
+        """The losses of the gradient steps that are due."""
+        options = self.options
+        mean, deviation = self.replay.reward_scale(options.standardise)
+        return [
+            self._learn(self.replay.sample(options.stretches, options.stretch, self.rng), mean, deviation)
+            for _ in range(options.gradient_steps)
+        ]
 
     def _learn(self, batch: Batch, mean: np.ndarray, deviation: np.ndarray) -> float:
         """One gradient step: double Q-learning whose next assignment is alpha of the online values."""
@@ -119,9 +152,15 @@ class Learner:
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.online.parameters(), options.clip)
         self.adam.step()
-        with torch.no_grad():
-            for slow, fast in zip(self.target.parameters(), self.online.parameters(), strict=True):
-                slow.lerp_(fast, options.soft_target)
+        self.updates += 1
+        if options.target_every == 0:
+            share = options.soft_target
+        else:
+            share = 1.0 if self.updates % options.target_every == 0 else 0.0
+        if share:
+            with torch.no_grad():
+                for slow, fast in zip(self.target.parameters(), self.online.parameters(), strict=True):
+                    slow.lerp_(fast, share)
         return float(loss.detach())
 
     def _following(self, q: np.ndarray, batch: Batch) -> IntArray:
@@ -142,14 +181,14 @@ class Learner:
     def checkpoint(self) -> Checkpoint:
         """Everything that the rest of the run depends on."""
         return Checkpoint(
-            self.online, self.target, self.best, self.best_value, self.adam, self.episode,
+            self.online, self.target, self.best, self.best_value, self.adam, self.episode, self.updates,
             self.rng.bit_generator.state, [(e.seed, e.plan) for e in self.replay.episodes],
         )  # fmt: skip
 
     def restore(self, saved: Checkpoint) -> None:
         """Go on from a checkpoint; the remembered episodes are played again from their plans."""
         self.online, self.target, self.best = saved.online, saved.target, saved.best
-        self.best_value, self.episode = saved.best_value, saved.episode
+        self.best_value, self.episode, self.updates = saved.best_value, saved.episode, saved.updates
         self.adam = saved.adam
         self.rng.bit_generator.state = saved.rng
         for seed, plan in saved.plans:

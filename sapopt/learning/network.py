@@ -15,11 +15,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from sapopt.learning.global_observation import GlobalSpec
-from sapopt.learning.observation import ObservationSpec, Spec
+from sapopt.learning.observation import ObservationSpec, Spec, ThesisObservation
 
 FORMAT = "sapopt-network-1"
 
-_SPECS: dict[str, Any] = {"local": ObservationSpec, "global": GlobalSpec}
+_SPECS: dict[str, Any] = {"local": ObservationSpec, "thesis": ThesisObservation, "global": GlobalSpec}
 
 
 class Network(torch.nn.Module):
@@ -29,7 +29,7 @@ class Network(torch.nn.Module):
     ----------
     spec : Spec
     hidden : sequence of int
-        Sizes of the hidden layers; 64 and 64 in the thesis.
+        Sizes of the hidden layers; 64 and 64 in the published code.
     outputs : int, optional
         ``spec.actions`` by default.
     """

@@ -1,19 +1,35 @@
-"""What an agent sees: the observation of section 6.2 of Holder (2024), for all agents at once.
+"""What an agent sees, for all agents at once: the observation of the thesis, and that of its published code.
 
-Layout of one observation, with M tasks, N neighbours and L steps (501 numbers for M = N = 10, L = 3 with charges):
+Both list the M tasks that are best for the agent, by their benefit summed over the next L steps, and look at N other
+agents, its neighbours. Layouts, with the numbers for M = N = 10 and L = 3:
+
+`ThesisObservation`, section 6.2.2 of Holder (2024): 451 numbers with charges. The neighbours have the largest sum for
+one of the M tasks.
 
 =====================  =========  ==============================================================================
 block                  numbers    content
 =====================  =========  ==============================================================================
-own benefits           M L        benefit of the M best tasks (by their sum over the window) at the next L steps
-rivals                 N M L      benefit of the N neighbours for those same tasks
-rivals' other tasks    N (M/2) L  benefit of each neighbour for its M/2 best other tasks
-previous task          M          1 where the task is the one held before
+own benefits           M L        benefit of the M best tasks at each of the next L steps
+neighbours' benefits   N M L      benefit of the N neighbours for those same tasks
+previous tasks         (1 + N) M  1 where the task is the one that the agent, or the neighbour, held before
 charges                1 + N      charge of the agent and of the neighbours; only where the state has one
 =====================  =========  ==============================================================================
 
-The neighbours of an agent are the agents with the greatest summed benefit for its M best tasks. Absent tasks,
-neighbours and steps beyond the horizon are zeros.
+`ObservationSpec`, the published code's: 501 numbers with charges. The neighbours have the largest total of their sums
+for the M tasks.
+
+=====================  =========  ==============================================================================
+block                  numbers    content
+=====================  =========  ==============================================================================
+own benefits           M L        as above
+neighbours' benefits   N M L      as above
+their other tasks      N (M/2) L  benefit of each neighbour for its M/2 best other tasks
+previous task          M          1 where the task is the one that the agent held before
+charges                1 + N      as above
+=====================  =========  ==============================================================================
+
+Absent tasks, neighbours and steps beyond the horizon are zeros; an agent that held none of the M tasks has zeros for
+its previous task.
 """
 
 from __future__ import annotations
@@ -32,7 +48,7 @@ from sapopt.solvers.base import check_lookahead
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """Sizes of the observation.
+    """Sizes of the published code's observation.
 
     Parameters
     ----------
@@ -85,11 +101,74 @@ class ObservationSpec:
         ValueError
             If charges are to be observed and the dynamics has none, or the other way round.
         """
-        charge = charge_of(model, state)
-        if self.charge != (charge is not None):
-            need = "needs a dynamics with charges" if self.charge else "was made for problems without charges"
-            raise ValueError(f"this observation {need}, not for {type(model).__name__}")
-        return observe(benefits.flat(), benefits.shape, k, held_by(state), charge, self)
+        return _look(benefits, k, model, state, self)
+
+
+@dataclass(frozen=True)
+class ThesisObservation:
+    """Sizes of the observation of section 6.2.2 of Holder (2024).
+
+    Parameters
+    ----------
+    tasks, neighbours : int
+        M and N, 10 in the thesis.
+    steps : int
+        L; the thesis does not give it for chapter 6.
+    charge : bool
+        Whether the observation ends with the charges (section 6.4.1).
+
+    Raises
+    ------
+    ValueError
+        If a size is not a whole number of at least 1.
+
+    Notes
+    -----
+    By the letter of the thesis an agent can be its own neighbour; here it never is, for its own numbers come first in
+    any case.
+    """
+
+    tasks: int = 10
+    neighbours: int = 10
+    steps: int = 3
+    charge: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("tasks", "neighbours", "steps"):
+            check_lookahead(getattr(self, name), name)
+
+    @property
+    def size(self) -> int:
+        """Numbers in one observation."""
+        M, N, L = self.tasks, self.neighbours, self.steps
+        return M * L + N * M * L + (1 + N) * M + (N + 1 if self.charge else 0)
+
+    @property
+    def actions(self) -> int:
+        """Outputs of a network: the M tasks, and any other task."""
+        return self.tasks + 1
+
+    def look(
+        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+    ) -> tuple[NDArray[np.float32], IntArray]:
+        """Observations of all agents, see `Spec.look`.
+
+        Raises
+        ------
+        ValueError
+            If charges are to be observed and the dynamics has none, or the other way round.
+        """
+        return _look(benefits, k, model, state, self)
+
+
+def _look(
+    benefits: Benefits, k: int, model: Any, state: Any, spec: ObservationSpec | ThesisObservation
+) -> tuple[NDArray[np.float32], IntArray]:
+    charge = charge_of(model, state)
+    if spec.charge != (charge is not None):
+        need = "needs a dynamics with charges" if spec.charge else "was made for problems without charges"
+        raise ValueError(f"this observation {need}, not for {type(model).__name__}")
+    return observe(benefits.flat(), benefits.shape, k, held_by(state), charge, spec)
 
 
 @runtime_checkable
@@ -159,7 +238,7 @@ def held_by(state: Any) -> IntArray | None:
 
 def observe(
     flat: Flat, shape: tuple[int, int, int], k: int, held: IntArray | None, charge: FloatArray | None,
-    spec: ObservationSpec,
+    spec: ObservationSpec | ThesisObservation,
 ) -> tuple[NDArray[np.float32], IntArray]:  # fmt: skip
     """Observations of all agents at step k of `flat`.
 
@@ -175,7 +254,7 @@ def observe(
         Previous assignment.
     charge : ndarray of float64, shape (n,), or None
         Charges, in parts of the capacity; only if ``spec.charge``.
-    spec : ObservationSpec
+    spec : ObservationSpec or ThesisObservation
 
     Returns
     -------
@@ -189,12 +268,21 @@ def observe(
     out = np.zeros((n, spec.size), dtype=np.float32)
     tasks = kernels.observe(
         flat.indptr, flat.indices, flat.data, k, min(k + spec.steps, T), n, m,
-        spec.tasks, spec.neighbours, spec.steps,
+        spec.tasks, spec.neighbours, spec.steps, isinstance(spec, ThesisObservation),
         np.full(n, -1) if held is None else held,
         np.empty(0) if not spec.charge or charge is None else charge,
         out,
     )  # fmt: skip
     return out, tasks
+
+
+def dense_values(q: Any, tasks: IntArray, m: int) -> FloatArray:
+    """The matrix of Q-values (n, m) that `gain_matrix` stands for: ``q[i, M]`` for every task that is not listed."""
+    n, M = tasks.shape
+    values = np.repeat(np.asarray(q, dtype=np.float64)[:, M:], m, axis=1)
+    agent, slot = np.nonzero(tasks >= 0)
+    values[agent, tasks[agent, slot]] = np.asarray(q)[agent, slot]
+    return values
 
 
 def gain_matrix(q: Any, tasks: IntArray, m: int) -> GainMatrix:

@@ -9,7 +9,7 @@ from sapopt.kernels.windows import window_gains
 
 
 @njit(cache=True, nogil=True)
-def look(indptr, indices, data, k, stop, n, m, M, N):
+def look(indptr, indices, data, k, stop, n, m, M, N, largest):
     """Best tasks and most important competitors of every agent in the window ``k .. stop - 1``.
 
     Parameters
@@ -20,13 +20,16 @@ def look(indptr, indices, data, k, stop, n, m, M, N):
         The window, agents, tasks.
     M, N : int
         Tasks and neighbours wanted.
+    largest : bool
+        Rank a competitor by its largest sum for one of the agent's best tasks (section 6.2.2), or by the total of
+        its sums for all of them (the published code).
 
     Returns
     -------
     tasks : ndarray of int64, shape (n, M)
         Tasks of positive benefit summed over the window, best first; -1 where there are no more.
     neighbours : ndarray of int64, shape (n, N)
-        Agents with the greatest summed benefit for those tasks, best first; -1 where nobody else sees them.
+        Other agents of the highest rank, best first, equal ones by number; -1 where nobody else sees those tasks.
     row_start, ranked : arrays
         All tasks of the window, every row by decreasing sum.
     """
@@ -65,7 +68,10 @@ def look(indptr, indices, data, k, stop, n, m, M, N):
                 if rivalry[a] == 0.0:
                     rivals[found] = a
                     found += 1
-                rivalry[a] += view_sum[p]
+                if not largest:
+                    rivalry[a] += view_sum[p]
+                elif view_sum[p] > rivalry[a]:
+                    rivalry[a] = view_sum[p]
         for slot in range(min(N, found)):
             best = slot
             for q in range(slot + 1, found):
@@ -80,11 +86,13 @@ def look(indptr, indices, data, k, stop, n, m, M, N):
 
 
 @njit(cache=True, nogil=True)
-def observe(indptr, indices, data, k, stop, n, m, M, N, L, held, charge, out):
-    """Write the observations of all agents at step k; see `sapopt.learning.observation` for the layout.
+def observe(indptr, indices, data, k, stop, n, m, M, N, L, thesis, held, charge, out):
+    """Write the observations of all agents at step k; see `sapopt.learning.observation` for the layouts.
 
     Parameters
     ----------
+    thesis : bool
+        The observation of section 6.2.2, or that of the published code.
     held : ndarray of int64, shape (n,)
         Previous task of every agent, -1 for none.
     charge : ndarray of float64, shape (n,), or (0,)
@@ -96,12 +104,12 @@ def observe(indptr, indices, data, k, stop, n, m, M, N, L, held, charge, out):
     -------
     tasks : ndarray of int64, shape (n, M)
     """
-    tasks, neighbours, row_start, ranked = look(indptr, indices, data, k, stop, n, m, M, N)
-    H = M // 2
+    tasks, neighbours, row_start, ranked = look(indptr, indices, data, k, stop, n, m, M, N, thesis)
+    H = 0 if thesis else M // 2  # a neighbour's other tasks
     rivals_at = M * L
     others_at = rivals_at + N * M * L
     flags_at = others_at + N * H * L
-    charges_at = flags_at + M
+    charges_at = flags_at + (M * (1 + N) if thesis else M)
     slot = np.empty(m, np.int64)  # of a task among the agent's best
     mine = np.zeros(m, np.int64)  # agent + 1 whose best tasks were marked last
     other_slot = np.empty(m, np.int64)
@@ -124,6 +132,8 @@ def observe(indptr, indices, data, k, stop, n, m, M, N, L, held, charge, out):
             a = neighbours[i, q]
             if a < 0:
                 break
+            if thesis and held[a] >= 0 and mine[held[a]] == i + 1:
+                out[i, flags_at + (1 + q) * M + slot[held[a]]] = 1.0
             pair += 1
             filled = 0
             for e in range(row_start[a], row_start[a + 1]):

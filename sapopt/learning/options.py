@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from sapopt.learning.observation import ObservationSpec, Spec
+from sapopt.learning.observation import ObservationSpec, Spec, ThesisObservation
 from sapopt.problem.sap import SAP
 
 Problems = Callable[[int], SAP]
@@ -16,6 +16,8 @@ Problems = Callable[[int], SAP]
 
 Standardise = Literal["agent", "common", "none"]
 Choose = Literal["alpha", "self"]
+After = Literal["episode", "step"]
+Perturb = Literal["outputs", "pairs"]
 
 FRESH = 1_000_000
 """Seeds from here on are for evaluation: no training episode has them."""
@@ -30,19 +32,29 @@ class TrainOptions:
     episodes : int
         Episodes to play.
     gradient_steps : int
-        Gradient steps after every episode.
+        Gradient steps after every episode, or after every time step, see `after`.
+    after : {"episode", "step"}
+        When the network learns.
     stretches, stretch : int
         A batch is this many stretches of this many successive steps (of all agents), drawn from the whole memory.
     trace : float
         lambda of the returns along a stretch; 0 is the one-step target of the thesis (see `traced`).
     memory : int
         Episodes remembered.
-    learning_rate, discount, soft_target, clip : float
-        Of Adam; gamma; share of the online weights taken over by the target network at every gradient step; largest
-        norm of a gradient.
-    explore, noise : float
-        Share of the episodes over which epsilon falls from 1 to 0; deviation of the perturbation of the values, in
-        parts of epsilon times their mean size.
+    learning_rate, discount, clip : float
+        Of Adam; gamma; largest norm of a gradient.
+    soft_target : float
+        Share of the online weights that the target network takes over at every gradient step.
+    target_every : int
+        Gradient steps after which the target network takes over all weights, in place of `soft_target`; 0: never.
+    explore : float
+        Share of the episodes over which epsilon falls from 1 to 0.
+    noise : float
+        Deviation of the perturbation of the values, in parts of epsilon times their mean size; 2 in the thesis, whose
+        N(0, 2 Q_avg epsilon) is read as a deviation: it is to scale with the values.
+    perturb : {"outputs", "pairs"}
+        Whether the outputs of the network are perturbed, so that all tasks that an agent does not list get one draw,
+        or every pair of agent and task (Algorithm 4); where agents choose for themselves it is the outputs.
     standardise : {"agent", "common", "none"}
         See `Replay.reward_scale`.
     fade : float
@@ -61,14 +73,15 @@ class TrainOptions:
 
     Notes
     -----
-    The thesis makes one gradient step after each episode of 100 steps, on 5 whole episodes, for 5000 episodes, and
-    standardises the rewards of each agent: ``episodes=5000, gradient_steps=1, stretches=5, stretch=100, trace=0,
-    discount=0.99, noise=1, standardise="agent", explore=0.6``. More and smaller steps, and traces, need far fewer
-    episodes.
+    `TrainOptions.thesis` has the options of Algorithm 4. The published code differs from both: one gradient step
+    after each episode of 100 steps, on 5 whole episodes, for 5000 episodes, with the rewards of each agent
+    standardised: ``episodes=5000, gradient_steps=1, stretches=5, stretch=100, trace=0, discount=0.99, noise=1,
+    standardise="agent", explore=0.6``. The defaults, more and smaller steps and traces, need far fewer episodes.
     """
 
     episodes: int = 400
     gradient_steps: int = 20
+    after: After = "episode"
     stretches: int = 2
     stretch: int = 10
     trace: float = 0.9
@@ -76,9 +89,11 @@ class TrainOptions:
     learning_rate: float = 5e-4
     discount: float = 0.97
     soft_target: float = 0.01
+    target_every: int = 0
     clip: float = 10.0
     explore: float = 0.6
     noise: float = 0.1
+    perturb: Perturb = "outputs"
     standardise: Standardise = "common"
     fade: float = 0.3
     choose: Choose = "alpha"
@@ -100,14 +115,37 @@ class TrainOptions:
         for name in ("learning_rate", "clip"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("discount", "soft_target", "explore", "noise", "trace", "fade"):
+        if self.target_every < 0:
+            raise ValueError(f"target_every must not be negative, got {self.target_every}; 0: soft updates")
+        if not 0 <= self.noise < np.inf:
+            raise ValueError(f"noise must be a finite number of at least 0, got {self.noise}")
+        for name in ("discount", "soft_target", "explore", "trace", "fade"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie between 0 and 1, got {getattr(self, name)}")
-        for name, known in (("standardise", Standardise), ("choose", Choose)):
+        for name, known in (
+            ("standardise", Standardise), ("choose", Choose), ("after", After), ("perturb", Perturb),
+        ):  # fmt: skip
             if getattr(self, name) not in get_args(known):
                 raise ValueError(
                     f"{name} must be one of {', '.join(get_args(known))}, got {getattr(self, name)!r}"
                 )
+
+    @classmethod
+    def thesis(cls, **changes: Any) -> TrainOptions:
+        """The options of Algorithm 4 of Holder (2024), with `changes`.
+
+        From the text: a gradient step after every time step on a batch of single steps, one-step targets, hard
+        updates of the target network, perturbations of deviation 2 Q_avg epsilon on all pairs, rewards as they are,
+        and the observation of section 6.2.2. The guide is the caller's: the greedy policy, ``alpha(beta_hat)``.
+        Not in the text, and so free: the size of the batch (5 steps of all agents here), the memory, the time
+        between hard updates (100 steps), the rates, the discount, the network.
+        """
+        given: dict[str, Any] = {
+            "gradient_steps": 1, "after": "step", "stretches": 5, "stretch": 1, "trace": 0.0, "target_every": 100,
+            "noise": 2.0, "perturb": "pairs", "standardise": "none", "discount": 0.99, "fade": 0.0,
+            "spec": ThesisObservation(),
+        }  # fmt: skip
+        return cls(**(given | changes))
 
     def epsilon(self, episode: int) -> float:
         """Exploration of an episode: falls from 1 to 0."""

@@ -23,7 +23,7 @@ from sapopt.problem.sap import SAP
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """A played episode.
+    """An episode, as far as it is played.
 
     Attributes
     ----------
@@ -32,8 +32,9 @@ class Episode:
     problem : SAP
     plan : ndarray of int64, shape (T, n)
     rewards : ndarray of float32, shape (T, n)
-    states : list of T states
-        Before every step.
+        Zeros for steps that are not played yet.
+    states : list
+        Before the first step, and after every step that is played: T + 1 of them at the end.
     """
 
     seed: int
@@ -41,6 +42,11 @@ class Episode:
     plan: IntArray
     rewards: NDArray[np.float32]
     states: list[Any]
+
+    @property
+    def played(self) -> int:
+        """Steps that are played."""
+        return len(self.states) - 1
 
     def observe(self, k: int, spec: Spec) -> tuple[np.ndarray, IntArray]:
         """Observations at step k, and the tasks they list."""
@@ -51,11 +57,11 @@ def replayed(seed: int, problem: SAP, plan: IntArray, conflicts_shared: bool = F
     """The episode that a plan makes."""
     env = Environment(problem, conflicts_shared)
     rewards = np.empty(plan.shape, np.float32)
-    states = []
+    states = [env.state]
     while not env.done:
         k = env.k
-        states.append(env.state)
         rewards[k] = env.step(plan[k])
+        states.append(env.state)
     return Episode(seed, problem, plan, rewards, states)
 
 
@@ -112,17 +118,23 @@ class Replay:
         n = self.episodes[-1].rewards.shape[1]
         if kind == "none":
             return np.zeros(n, np.float32), np.ones(n, np.float32)
-        rewards = np.concatenate([e.rewards for e in self.episodes])
+        rewards = np.concatenate([e.rewards[: e.played] for e in self.episodes])
         if kind == "common":
             return np.zeros(n, np.float32), np.full(n, max(float(rewards.std()), 1e-6), np.float32)
         return rewards.mean(axis=0), np.maximum(rewards.std(axis=0), 1e-6)
 
     def sample(self, stretches: int, length: int, rng: np.random.Generator) -> Batch:
-        """Draw stretches of at most `length` steps uniformly from the episodes."""
-        episodes = [self.episodes[i] for i in rng.integers(len(self.episodes), size=stretches)]
+        """Draw stretches of at most `length` steps, every place for one in the memory with the same probability."""
+        S = min(length, max(e.played for e in self.episodes))
+        places = np.array([max(e.played - S + 1, 0) for e in self.episodes])
+        if (places == places[0]).all():
+            which = rng.integers(len(places), size=stretches)
+            first = rng.integers(places[0], size=stretches)
+        else:  # the last episode is still being played
+            which = rng.choice(len(places), size=stretches, p=places / places.sum())
+            first = rng.integers(places[which])
+        episodes = [self.episodes[i] for i in which]
         T, n = episodes[0].plan.shape
-        S = min(length, T)
-        first = rng.integers(T - S + 1, size=stretches)
         seen = np.zeros((stretches, S + 1, n, self.spec.size), np.float32)
         actions = np.empty((stretches, S, n), np.int64)
         listed: list[list[IntArray]] = []

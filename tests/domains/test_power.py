@@ -33,6 +33,19 @@ def test_the_published_settings() -> None:
     assert built.graphs(steps=[0])[0].number_of_nodes() == 324
 
 
+def test_earth_coverage_by_the_text() -> None:
+    """Section 6.3: the satellites and places of 4.2.1, every task worth 1, idling free, an orbit in minutes."""
+    built, other = scenario("earth-coverage-thesis", 3), scenario("constellation-mid", 3)
+    problem = built.problem()
+    assert (problem.T, problem.n, problem.m) == (93, 324, 450)
+    assert built.constellation.step_s == 60.0
+    assert (built.constellation.tasks.priority == 1.0).all()
+    np.testing.assert_array_equal(built.constellation.tasks.latitude_deg, other.tasks.latitude_deg)
+    assert isinstance(problem.dynamics, SwitchingCost)
+    assert (problem.dynamics.cost, problem.dynamics.idle_is_free) == (0.5, True)
+    assert problem.initial_assignment is None
+
+
 def test_rules_can_be_chosen() -> None:
     """What pays, other battery figures, and no battery at all."""
     assert instance("power", steps=2, pay_for="entries").dynamics.pay_for == "entries"

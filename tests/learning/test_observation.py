@@ -1,4 +1,4 @@
-"""The observation kernel against the words of section 6.2, and Q-values against a dense alpha."""
+"""The observations of the thesis and of its published code against plain twins, and Q-values against a dense alpha."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ pytest.importorskip("torch")
 from scipy.optimize import linear_sum_assignment
 
 from sapopt import Benefits, assign
-from sapopt.learning.observation import ObservationSpec, gain_matrix, observe
+from sapopt.learning.observation import (
+    ObservationSpec,
+    ThesisObservation,
+    dense_values,
+    gain_matrix,
+    observe,
+)
 
 
 def plain(
@@ -69,10 +75,70 @@ def test_kernel_is_the_definition(data: st.DataObject, seed: int, charged: bool)
     np.testing.assert_allclose(seen, wanted, atol=1e-7)
 
 
-def test_published_size() -> None:
-    """The thesis' settings give its 501 numbers and 11 outputs."""
+def plain_thesis(
+    benefits: np.ndarray, k: int, held: np.ndarray, charge: np.ndarray | None, spec: ThesisObservation
+) -> tuple[np.ndarray, np.ndarray]:
+    """Observations and listed tasks, straight from section 6.2.2."""
+    T, n, _ = benefits.shape
+    M, N, L = spec.tasks, spec.neighbours, spec.steps
+    window = np.zeros((L, *benefits.shape[1:]))
+    window[: min(L, T - k)] = benefits[k : k + L]
+    sums = window.sum(axis=0)
+    seen, listed = [], np.full((n, M), -1)
+    for i in range(n):
+        best = sorted(np.flatnonzero(sums[i] > 0), key=lambda j: (-sums[i, j], j))[:M]
+        listed[i, : len(best)] = best
+        highest = {a: max((sums[a, j] for j in best), default=0.0) for a in range(n) if a != i}
+        order = sorted((a for a, top in highest.items() if top > 0), key=lambda a: (-highest[a], a))[:N]
+        shown, flags, charges = np.zeros((1 + N, M, L)), np.zeros((1 + N, M)), np.zeros(1 + N)
+        for q, a in enumerate([i, *order]):
+            for s, j in enumerate(best):
+                shown[q, s] = window[:, a, j]
+                flags[q, s] = held[a] == j
+            if charge is not None:
+                charges[q] = charge[a]
+        parts = [shown.ravel(), flags.ravel()] + ([] if charge is None else [charges])
+        seen.append(np.concatenate(parts))
+    return np.array(seen), listed
+
+
+@given(data=st.data(), seed=st.integers(0, 2**32 - 1), charged=st.booleans())
+def test_thesis_kernel_is_the_definition(data: st.DataObject, seed: int, charged: bool) -> None:
+    """The compiled observation of section 6.2.2 equals the plain one, ties included, with and without a past."""
+    rng = np.random.default_rng(seed)
+    T, n = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 6))
+    m = n + data.draw(st.integers(0, 4))
+    sizes = [data.draw(st.integers(1, 4)) for _ in range(3)]
+    spec = ThesisObservation(*sizes, charge=charged)
+    benefits = rng.integers(1, 5, (T, n, m)) * (rng.random((T, n, m)) < 0.5) / 4.0
+    past = rng.permutation(m)[:n] if data.draw(st.booleans()) else None
+    charge = rng.integers(0, 11, n) / 10 if charged else None
+    k = data.draw(st.integers(0, T - 1))
+    seen, listed = observe(Benefits(benefits).flat(), (T, n, m), k, past, charge, spec)
+    held = np.full(n, -1) if past is None else past
+    wanted, tasks = plain_thesis(benefits, k, held, charge, spec)
+    assert seen.shape == (n, spec.size)
+    np.testing.assert_array_equal(listed, tasks)
+    np.testing.assert_allclose(seen, wanted, atol=1e-7)
+
+
+def test_neighbours_by_the_largest_benefit() -> None:
+    """Agent 1 sees one task of agent 0 well, agent 2 two of them fairly: the thesis lists 1, the published code 2."""
+    benefits = np.array([[[1.0, 1.0, 0.0], [0.8, 0.0, 0.0], [0.5, 0.5, 0.0]]])
+    flat, shape = Benefits(benefits).flat(), (1, 3, 3)
+    for spec, expected in (
+        (ThesisObservation(2, 1, 1, charge=False), [0.8, 0.0]),
+        (ObservationSpec(2, 1, 1, charge=False), [0.5, 0.5]),
+    ):
+        seen, _ = observe(flat, shape, 0, None, None, spec)
+        np.testing.assert_allclose(seen[0, 2:4], expected)
+
+
+def test_sizes() -> None:
+    """The published code's settings give its 501 numbers, those of the thesis' text 451; both have 11 outputs."""
     assert ObservationSpec().size == 501
-    assert ObservationSpec().actions == 11
+    assert ThesisObservation().size == 451
+    assert ObservationSpec().actions == ThesisObservation().actions == 11
 
 
 @pytest.mark.parametrize(("name", "value"), [("tasks", 3), ("neighbours", 0), ("steps", 1.5)])
@@ -80,6 +146,9 @@ def test_bad_sizes_are_named(name: str, value: float) -> None:
     """A size that cannot be is refused by its name."""
     with pytest.raises(ValueError, match=name):
         ObservationSpec(**{name: value})  # type: ignore[arg-type]
+    if name != "tasks":
+        with pytest.raises(ValueError, match=name):
+            ThesisObservation(**{name: value})  # type: ignore[arg-type]
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -98,6 +167,7 @@ def test_gains_are_alpha_of_the_dense_matrix(seed: int) -> None:
         for s in range(M):
             if tasks[i, s] >= 0:
                 dense[i, tasks[i, s]] = q[i, s]
+    np.testing.assert_array_equal(dense_values(q, tasks, m), dense)
     chosen = assign(gain_matrix(q, tasks, m))
     assert len(set(chosen)) == n
     rows, columns = linear_sum_assignment(dense, maximize=True)

@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch")
 
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.domains.instances import instance
-from sapopt.learning import REDA, Environment, ObservationSpec, TrainOptions, train
+from sapopt.learning import REDA, Environment, ObservationSpec, ThesisObservation, TrainOptions, train
 from sapopt.learning.learner import Learner
 from sapopt.learning.replay import Replay, replayed
 from sapopt.learning.train import Training
@@ -23,6 +23,10 @@ from sapopt.solvers import AssignmentPolicy, myopic
 OPTIONS = TrainOptions(
     episodes=6, gradient_steps=3, stretches=2, stretch=3, memory=4, hidden=(8, 8), evaluate_every=2, evaluations=1,
     checkpoint_every=1, spec=ObservationSpec(6, 4, 2, charge=False),
+)  # fmt: skip
+THESIS = TrainOptions.thesis(
+    episodes=4, stretches=2, memory=3, target_every=10, hidden=(8, 8), evaluate_every=2, evaluations=1,
+    checkpoint_every=1, spec=ThesisObservation(6, 4, 2, charge=False),
 )  # fmt: skip
 GUIDE = AssignmentPolicy(myopic)
 
@@ -37,14 +41,15 @@ def weights(training: Training) -> list[np.ndarray]:
     return [tensor.numpy() for tensor in training.network.state_dict().values()]
 
 
-def test_seeds_repeat_and_a_kill_changes_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [OPTIONS, THESIS], ids=["default", "thesis"])
+def test_seeds_repeat_and_a_kill_changes_nothing(options: TrainOptions, tmp_path: Path) -> None:
     """The same seed gives the same weights bit for bit, killed and resumed or not; another seed gives others."""
-    whole = train(problems, GUIDE, OPTIONS, tmp_path / "whole")
+    whole = train(problems, GUIDE, options, tmp_path / "whole")
     for stop in (1, 3):
         folder = tmp_path / f"killed{stop}"
-        part = train(problems, GUIDE, OPTIONS, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
+        part = train(problems, GUIDE, options, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
         assert part.episodes == stop
-        resumed = train(problems, GUIDE, OPTIONS, folder)
+        resumed = train(problems, GUIDE, options, folder)
         assert resumed.value == whole.value
         assert all(map(np.array_equal, weights(resumed), weights(whole)))
         logs = []
@@ -54,8 +59,8 @@ def test_seeds_repeat_and_a_kill_changes_nothing(tmp_path: Path) -> None:
                     [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(file)]
                 )
         assert logs[0] == logs[1]
-        assert len(logs[0]) == OPTIONS.episodes
-    other = train(problems, GUIDE, replace(OPTIONS, seed=1), tmp_path / "other")
+        assert len(logs[0]) == options.episodes
+    other = train(problems, GUIDE, replace(options, seed=1), tmp_path / "other")
     assert not all(map(np.array_equal, weights(other), weights(whole)))
 
 
@@ -105,7 +110,55 @@ def test_targets_follow_the_assignment() -> None:
     assert np.mean(losses[-50:]) < 0.2 * np.mean(losses[:10])
 
 
-@pytest.mark.parametrize(("name", "value"), [("episodes", 0), ("explore", 2.0), ("standardise", "twice")])
+def test_algorithm_4_learns_at_every_step() -> None:
+    """One gradient step for each time step; the target network changes at whole multiples of `target_every` alone."""
+    learner = Learner(problems, GUIDE, THESIS)
+    start = [tensor.clone() for tensor in learner.target.parameters()]
+    episode = learner._begun(problems(0))
+    learner.replay.add(episode)
+    for step, _ in enumerate(learner._steps(episode, 1.0), start=1):
+        learner._gradient_steps()
+        assert learner.updates == episode.played == step
+    assert all(map(torch.equal, start, learner.target.parameters()))
+    row = learner.play_and_learn()
+    assert row["gradient_steps"] == 2 * episode.problem.T
+    assert not any(map(torch.equal, start, learner.target.parameters()))
+
+
+def test_a_batch_holds_what_was_played() -> None:
+    """While an episode is played its steps can be drawn, up to the last that was played, and no other."""
+    replay = Replay(2, OPTIONS.spec)
+    problem = problems(0)
+    full = replayed(0, problem, solve(problem, GUIDE).plan)
+    replay.add(full)
+    part = replace(full, seed=1, states=full.states[:3], rewards=np.full_like(full.rewards, 7.0))
+    replay.add(part)
+    assert (full.played, part.played) == (problem.T, 2)
+    batch = replay.sample(400, 1, np.random.default_rng(0))
+    from_part = batch.rewards[:, 0, 0] == 7.0
+    assert from_part.mean() == pytest.approx(2 / (problem.T + 2), abs=0.06)
+    assert batch.going[from_part].all()
+    assert not batch.going.all()
+
+
+def test_perturbed_pairs() -> None:
+    """The thesis' noise falls on every pair of agent and task: agents that list nothing are shuffled as well."""
+    learner = Learner(problems, GUIDE, THESIS)
+    n, m = 5, 9
+    values, listed = np.ones((n, 7)), np.full((n, 6), -1)
+    drawn = {tuple(learner._explored(values, listed, m, 1.0)) for _ in range(50)}
+    assert len(drawn) > 40
+    assert all(len(set(row)) == n for row in drawn)
+    assert len({tuple(learner._explored(values, listed, m, 0.0)) for _ in range(3)}) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("episodes", 0), ("explore", 2.0), ("standardise", "twice"), ("noise", -1.0), ("target_every", -1),
+        ("after", "never"), ("perturb", "agents"),
+    ],
+)  # fmt: skip
 def test_bad_options_are_named(name: str, value: object) -> None:
     """An option out of range is refused by its name."""
     with pytest.raises(ValueError, match=name):
