@@ -26,6 +26,16 @@ LINES = (files("sapopt.domains") / "data" / "starlink_2023-06.tle").read_text().
 """Four satellites with name lines."""
 
 
+def checked(line):
+    """The line with its checksum made right."""
+    return line[:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
+
+
+def with_epoch(line, epoch):
+    """A first line with another epoch."""
+    return checked(line[:18] + epoch + line[32:])
+
+
 def written(tmp_path, lines, name="sets.tle"):
     """A file with these lines."""
     path = tmp_path / name
@@ -46,6 +56,28 @@ def test_names_and_numbers(four, tmp_path):
     assert bare.names == tuple(str(s.satnum) for s in four.satellites)
     zero = read_elements(written(tmp_path, ["0 " + x if i % 3 == 0 else x for i, x in enumerate(LINES)]))
     assert zero.names == four.names
+
+
+def test_comments_and_times_of_the_verification_file(four, tmp_path):
+    """Lines of # are comments, and the times behind second lines are passed over, as in SGP4-VER.TLE."""
+    lines = ["#  first, a comment"]
+    for line in LINES:
+        lines.append(line + "      0.00      4320.0        360.00" if line.startswith("2 ") else line)
+        lines.append("#                       ## fast moving, high drag")
+    sets = read_elements(written(tmp_path, lines))
+    assert sets.names == four.names
+    assert [s.mo for s in sets.satellites] == [s.mo for s in four.satellites]
+    with pytest.raises(ValueError, match="line 3: 79 characters"):
+        read_elements(written(tmp_path, [*LINES[:2], LINES[2] + "  and more", *LINES[3:]]))
+
+
+def test_alpha_five_and_names_that_begin_with_a_digit(tmp_path):
+    """A letter stands for the ten thousands; a name may look like the start of a line."""
+    sets = read_elements(
+        written(tmp_path, ["1 HOPPER", *(checked(line[:2] + "T0007" + line[7:]) for line in LINES[1:3])])
+    )
+    assert (sets.names, sets.numbers) == (("1 HOPPER",), (270007,))
+    assert sets.satellites[0].satnum == 270007
 
 
 def test_packaged_starlink():
@@ -75,6 +107,26 @@ DAMAGE = {
     ),
     "no blank": (lambda x: [*x[:4], x[4][:8] + "." + x[4][9:], *x[5:]], "line 5: column 9 must be blank"),
     "letter": (lambda x: [*x[:7], x[7][:-1] + "x", *x[8:]], "line 8: wrong checksum, the line says 'x'"),
+    "day 000": (
+        lambda x: [x[0], with_epoch(x[1], "23000.50000000"), *x[2:]],
+        "line 2: epoch .* 2023 has no day 000",
+    ),
+    "day 366": (
+        lambda x: [x[0], with_epoch(x[1], "23366.50000000"), *x[2:]],
+        "2023 has no day 366.* only 1 to 365",
+    ),
+    "day 999": (
+        lambda x: [x[0], with_epoch(x[1], "23999.50000000"), *x[2:]],
+        "line 2: epoch .* 2023 has no day 999",
+    ),
+    "letter I": (
+        lambda x: [x[0], *(checked(line[:2] + "I0007" + line[7:]) for line in x[1:3]), *x[3:]],
+        "line 2: catalogue number .*: 'I0007': alpha-5 has no letter I",
+    ),
+    "SGP4-XP": (
+        lambda x: [x[0], checked(x[1][:62] + "4" + x[1][63:]), *x[2:]],
+        "line 2: ephemeris type 4 .SGP4-XP",
+    ),
     "empty": (lambda x: [], "empty"),
     "prose": (lambda x: ["hello", "world"], "line 2: expected line 1"),
 }

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sapopt.data.textfile import read_text
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation.earth import EARTH_RADIUS_KM, greenwich_sidereal_rad, turn_about_pole
 from sapopt.domains.constellation.orbits import Earth, step_times_s
@@ -34,10 +35,21 @@ class ElementSets:
     names : tuple of str
         Name of each satellite; its catalogue number if the file has none.
     satellites : tuple of sgp4.api.Satrec
+    numbers : tuple of int, optional
+        Catalogue number of each satellite, of up to nine digits; 0 where the file tells none. A `Satrec` can hold no
+        number above 339 999 (its ``satnum`` is 0 there). Those of `satellites` if omitted.
     """
 
     names: tuple[str, ...]
     satellites: tuple[Satrec, ...]
+    numbers: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.numbers:
+            object.__setattr__(self, "numbers", tuple(s.satnum for s in self.satellites))
+        for name in ("satellites", "numbers"):
+            if len(getattr(self, name)) != len(self.names):
+                raise ValueError(f"{name} has {len(getattr(self, name))} entries for {len(self.names)} names")
 
     @property
     def n(self) -> int:
@@ -53,7 +65,11 @@ class ElementSets:
 
     def take(self, indices: Sequence[int] | IntArray) -> ElementSets:
         """The satellites of these indices, in this order."""
-        return ElementSets(tuple(self.names[i] for i in indices), tuple(self.satellites[i] for i in indices))
+        return ElementSets(
+            tuple(self.names[i] for i in indices),
+            tuple(self.satellites[i] for i in indices),
+            tuple(self.numbers[i] for i in indices),
+        )
 
     def named(self, prefix: str) -> ElementSets:
         """The satellites whose name starts with `prefix`; raises ValueError if there is none."""
@@ -78,42 +94,42 @@ def starlink_elements() -> ElementSets:
 def read_elements(path: str | Path) -> ElementSets:
     """Read a file of element sets.
 
-    The format goes by the suffix: ``.csv``, ``.json`` and ``.xml`` are OMM (orbit mean-elements messages as CelesTrak
-    and Space-Track publish them), everything else is TLE, with or without name lines. Of several element sets with the
-    same catalogue number the newest is kept.
+    The content tells the format, not the suffix: TLE, with or without name lines, or OMM (orbit mean-elements messages,
+    CCSDS 502.0-B-3) as KVN, XML, JSON or CSV, the way the standard, CelesTrak and Space-Track write them. Of several
+    element sets of the same satellite (catalogue number, else name) the newest is kept.
 
     Raises
     ------
     ValueError
-        If the file is empty or damaged; the message names the line (TLE, CSV) or the record (JSON, XML).
+        If the file is empty or damaged, or holds elements of another theory than SGP4; the message names file and line.
     FileNotFoundError
         If there is no such file.
     """
     from sapopt.domains.constellation.omm import omm_records
+    from sapopt.domains.constellation.omm_forms import kind_of
     from sapopt.domains.constellation.tle import tle_records
 
     path = Path(path)
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = read_text(path)
     if not text.strip():
         raise ValueError(f"{path}: the file is empty; expected TLE or OMM element sets")
-    suffix = path.suffix.lower().lstrip(".")
-    is_omm = suffix in ("csv", "json", "xml")
-    records = omm_records(text, suffix, str(path)) if is_omm else tle_records(text, str(path))
-    newest: dict[int, tuple[str, Satrec]] = {}
+    kind = kind_of(text, path.suffix.lower().lstrip("."))
+    records = tle_records(text, str(path)) if kind == "tle" else omm_records(text, kind, str(path))
+    newest: dict[int | str, tuple[str, int, Satrec]] = {}
     count = 0
-    for name, satellite in records:
+    for name, number, satellite in records:
         count += 1
-        known = newest.get(satellite.satnum)
-        if known is None or _epoch(satellite) > _epoch(known[1]):
-            newest[satellite.satnum] = (name or str(satellite.satnum), satellite)
+        known = newest.get(number or name)
+        if known is None or _epoch(satellite) > _epoch(known[2]):
+            newest[number or name] = (name or str(number), number, satellite)
     if not newest:
         raise ValueError(f"{path}: no element set found; expected TLE or OMM element sets")
     if len(newest) < count:
         logger.warning(
             "%s: kept the newest of several element sets of %d satellites", path, count - len(newest)
         )
-    names, satellites = zip(*newest.values(), strict=True)
-    return ElementSets(tuple(names), tuple(satellites))
+    names, numbers, satellites = zip(*newest.values(), strict=True)
+    return ElementSets(tuple(names), tuple(satellites), tuple(numbers))
 
 
 def element_positions_km(

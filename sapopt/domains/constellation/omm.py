@@ -1,90 +1,131 @@
-"""Orbit mean-elements messages (OMM) as CSV, JSON or XML."""
+"""Satellites of orbit mean-elements messages (OMM, CCSDS 502.0-B-3), in whatever form they are written."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+import re
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, TypeVar
+
+from sapopt.domains.constellation.catalogue import catalogue_number
+from sapopt.domains.constellation.epochs import utc_days
+from sapopt.domains.constellation.omm_forms import Record, records_of
 
 if TYPE_CHECKING:
     from sgp4.api import Satrec
 
-_DEFAULTS = {"CLASSIFICATION_TYPE": "U", "EPHEMERIS_TYPE": "0", "ELEMENT_SET_NO": "0", "REV_AT_EPOCH": "0"}
-"""Fields that some publishers leave out and that do not matter to the propagation."""
+T = TypeVar("T")
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?(\s*\[[^\]]*\])?", flags=re.ASCII)
+"""A number, perhaps with its unit in brackets, as KVN may have it."""
+
+_ZERO_IF_MISSING = ("MEAN_MOTION_DOT", "MEAN_MOTION_DDOT")
+"""SGP4 does not use them, and the standard lets them be left out."""
+
+_LARGEST_SATREC_NUMBER = 339_999
+"""The largest number that `sgp4` takes; it plays no part in the propagation."""
 
 
-def omm_records(text: str, kind: str, source: str) -> Iterator[tuple[str, Satrec]]:
-    """Names and satellites of an OMM file.
+def omm_records(text: str, kind: str, source: str) -> Iterator[tuple[str, int, Satrec]]:
+    """Names, catalogue numbers and satellites of an OMM file.
 
     Parameters
     ----------
     text : str
-    kind : {"csv", "json", "xml"}
+    kind : {"csv", "json", "xml", "kvn"}
     source : str
         What messages call the file.
+
+    Yields
+    ------
+    name : str
+        Empty if there is none.
+    number : int
+        Catalogue number; 0 if the message has none.
+    satellite : sgp4.api.Satrec
+        Its own number is 0 where the catalogue's is above 339 999.
 
     Raises
     ------
     ValueError
         If the file is not well-formed, or at the first record with a missing or impossible field; the message names
-        the line (CSV) or the record (from 1).
+        the line and the record (from 1).
     """
-    from sgp4 import omm
-    from sgp4.api import Satrec
-
-    reader = {"csv": _csv_records, "json": _json_records, "xml": _xml_records}[kind]
-    for where, fields in reader(text, source):
-        fields = {**_DEFAULTS, **{key: value for key, value in fields.items() if value not in (None, "")}}
-        # Publishers write the epoch with and without fractions of a second and time zone.
-        epoch = str(fields.get("EPOCH", "")).removesuffix("Z")
-        fields["EPOCH"] = epoch if "." in epoch or not epoch else epoch + ".0"
-        if not fields["EPOCH"]:
-            raise ValueError(f"{where}: EPOCH is missing")
-        satellite = Satrec()
-        try:
-            omm.initialize(satellite, fields)
-        except KeyError as error:
-            raise ValueError(f"{where}: {error.args[0]} is missing") from None
-        except (ValueError, TypeError, AttributeError) as error:
-            raise ValueError(f"{where}: a field cannot be read ({error})") from None
-        if not (math.isfinite(satellite.no_kozai) and satellite.no_kozai > 0 and 0 <= satellite.ecco < 1):
-            raise ValueError(f"{where}: MEAN_MOTION must be positive and ECCENTRICITY at least 0 and below 1")
-        yield str(fields.get("OBJECT_NAME", "")), satellite
+    for record in records_of(text, kind, source):
+        yield _satellite(record)
 
 
-def _csv_records(text: str, source: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    reader = csv.DictReader(io.StringIO(text))
-    for fields in reader:
-        where = f"{source}, line {reader.line_num}"
-        if None in fields or None in fields.values():
-            raise ValueError(
-                f"{where}: the number of fields differs from the header's {len(reader.fieldnames or ())}"
-            )
-        yield where, fields
+def _satellite(record: Record) -> tuple[str, int, Satrec]:
+    from sgp4.api import WGS72, Satrec
+
+    _check_kind(record)
+    eccentricity, motion = _number(record, "ECCENTRICITY"), _number(record, "MEAN_MOTION")
+    if not motion > 0 or not 0 <= eccentricity < 1:
+        name = "ECCENTRICITY" if motion > 0 else "MEAN_MOTION"
+        raise ValueError(
+            f"{record.where(name)}: MEAN_MOTION must be positive and ECCENTRICITY at least 0 and below 1, got "
+            f"{motion:g} and {eccentricity:g}"
+        )
+    days, part = _parsed(record, "EPOCH", utc_days)
+    number = _parsed(record, "NORAD_CAT_ID", catalogue_number) if "NORAD_CAT_ID" in record.fields else 0
+    inclination = _number(record, "INCLINATION")
+    if not 0 <= inclination <= 180:
+        raise ValueError(
+            f"{record.where('INCLINATION')}: INCLINATION must lie in 0..180 degrees, got {inclination:g}"
+        )
+    per_minute = motion * math.tau / 1440.0
+    satellite = Satrec()
+    satellite.classification = record.fields.get("CLASSIFICATION_TYPE", "U")[:1]
+    satellite.intldesg = record.fields.get("OBJECT_ID", "")[2:].replace("-", "")[:8]
+    for name, attribute in (("ELEMENT_SET_NO", "elnum"), ("REV_AT_EPOCH", "revnum")):
+        # They tell versions of a set apart and do nothing else: what does not fit stays 0.
+        if re.fullmatch(r"\d{1,9}", record.fields.get(name, ""), flags=re.ASCII):
+            setattr(satellite, attribute, int(record.fields[name]))
+    satellite.sgp4init(
+        WGS72, "i", number if number <= _LARGEST_SATREC_NUMBER else 0, days + part, _number(record, "BSTAR"),
+        _number(record, "MEAN_MOTION_DOT") * math.tau / 1440.0**2,
+        _number(record, "MEAN_MOTION_DDOT") * math.tau / 1440.0**3, eccentricity,
+        math.radians(_number(record, "ARG_OF_PERICENTER")), math.radians(inclination),
+        math.radians(_number(record, "MEAN_ANOMALY")), per_minute, math.radians(_number(record, "RA_OF_ASC_NODE")),
+    )  # fmt: skip
+    # sgp4init takes one float, in which a day's part has 11 digits; the exact parts are known here.
+    satellite.jdsatepoch, satellite.jdsatepochF = 2433281.5 + days, part
+    return record.fields.get("OBJECT_NAME", record.fields.get("OBJECT_ID", "")), number, satellite
 
 
-def _json_records(text: str, source: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def _check_kind(record: Record) -> None:
+    """Refuse elements that SGP4 would take for something else without a word."""
+    theory = record.fields.get("MEAN_ELEMENT_THEORY", "SGP4").upper()
+    if "SGP" not in theory or "XP" in theory or record.fields.get("EPHEMERIS_TYPE") == "4":
+        name = "EPHEMERIS_TYPE" if "SGP" in theory and "XP" not in theory else "MEAN_ELEMENT_THEORY"
+        raise ValueError(
+            f"{record.where(name)}: {name} is {record.fields[name]}; only elements of SGP4 can be propagated here"
+        )
+    for name, wanted in (("TIME_SYSTEM", "UTC"), ("CENTER_NAME", "EARTH")):
+        if record.fields.get(name, wanted).upper() != wanted:
+            raise ValueError(f"{record.where(name)}: {name} must be {wanted}, got {record.fields[name]}")
+
+
+def _parsed(record: Record, name: str, read: Callable[[str], T]) -> T:
+    if name not in record.fields:
+        raise ValueError(f"{record.where()}: {name} is missing")
     try:
-        records = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{source}, line {error.lineno}: not valid JSON ({error.msg})") from None
-    if isinstance(records, dict):
-        records = [records]
-    if not isinstance(records, list) or not all(isinstance(record, dict) for record in records):
-        raise ValueError(f"{source}: expected a JSON list of objects, one per satellite")
-    for number, fields in enumerate(records, start=1):
-        yield f"{source}, record {number}", fields
+        return read(record.fields[name])
+    except ValueError as error:
+        raise ValueError(f"{record.where(name)}: {name} cannot be read ({error})") from None
 
 
-def _xml_records(text: str, source: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise ValueError(f"{source}, line {error.position[0]}: not well-formed XML ({error})") from None
-    for number, segment in enumerate(root.iter("segment"), start=1):
-        fields = {element.tag: element.text for element in segment.iter() if len(element) == 0}
-        yield f"{source}, record {number}", fields
+def _number(record: Record, name: str) -> float:
+    if name in _ZERO_IF_MISSING and name not in record.fields:
+        return 0.0
+    return _parsed(record, name, _read_number)
+
+
+def _read_number(text: str) -> float:
+    # float() would also take nan, inf, 1_000 and the digits of other scripts.
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"{text!r} is no number")
+    value = float(re.sub(r"\s*\[.*", "", text).upper().replace("D", "E"))
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is too large")
+    return value

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import calendar
 import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
+
+from sapopt.data.textfile import lines_of
+from sapopt.domains.constellation.catalogue import catalogue_number
 
 if TYPE_CHECKING:
     from sgp4.api import Satrec
@@ -14,7 +18,7 @@ _LENGTH = 69
 _SCALED = r"[ +-] *\d+[+-]\d"
 _FIELDS = {
     "1": (
-        ("catalogue number", 2, 7, r" *[A-Z]?\d+"),
+        ("catalogue number", 2, 7, r" *\d+|[A-Z]\d{4}"),
         ("classification", 7, 8, r"[A-Z ]"),
         ("epoch", 18, 32, r"\d\d *\d+\.\d+"),
         ("first derivative of the mean motion", 33, 43, r" *[ +-]?\d?\.\d+"),
@@ -24,7 +28,7 @@ _FIELDS = {
         ("element set number", 64, 68, r" *\d+"),
     ),
     "2": (
-        ("catalogue number", 2, 7, r" *[A-Z]?\d+"),
+        ("catalogue number", 2, 7, r" *\d+|[A-Z]\d{4}"),
         ("inclination", 8, 16, r" *\d+\.\d+"),
         ("right ascension of the node", 17, 25, r" *\d+\.\d+"),
         ("eccentricity", 26, 33, r"\d+"),
@@ -40,12 +44,18 @@ _FIELDS = {
 _BLANKS = {"1": (1, 8, 17, 32, 43, 52, 61, 63), "2": (1, 7, 16, 25, 33, 42, 51)}
 
 
-def tle_records(text: str, source: str) -> Iterator[tuple[str, Satrec]]:
-    """Names and satellites of a TLE file, with or without name lines.
+_TIMES = r"\s+[-+.\d]+\s+[-+.\d]+\s+[-+.\d]+\s*"
+"""What the verification file of SGP4 appends to second lines: first, last and step of the times to compare, minutes."""
+
+
+def tle_records(text: str, source: str) -> Iterator[tuple[str, int, Satrec]]:
+    """Names, catalogue numbers and satellites of a TLE file, with or without name lines.
 
     Parameters
     ----------
     text : str
+        Lines that begin with ``#`` are comments, and three numbers after a second line are passed over, as in the
+        verification file of Vallado et al. 2006.
     source : str
         What messages call the file.
 
@@ -57,14 +67,16 @@ def tle_records(text: str, source: str) -> Iterator[tuple[str, Satrec]]:
     from sgp4.api import Satrec
 
     lines = [
-        (number, line.rstrip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()
+        (number, line.rstrip())
+        for number, line in enumerate(lines_of(text), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
     ]
     at = 0
     while at < len(lines):
         name = ""
         number, line = lines[at]
-        if not line.startswith("1 "):
-            if line.startswith("2 ") and len(line) > 24:
+        if not _begins(line, "1"):
+            if _begins(line, "2"):
                 raise ValueError(
                     f"{source}, line {number}: second line of an element set without its first line"
                 )
@@ -76,7 +88,7 @@ def tle_records(text: str, source: str) -> Iterator[tuple[str, Satrec]]:
                     f"{source}, line {number}: the file ends after {name!r}; its element set is missing"
                 )
             named_at, (number, line) = number, lines[at]
-            if not line.startswith("1 "):
+            if not _begins(line, "1"):
                 raise ValueError(
                     f"{source}, line {number}: expected line 1 of the element set of {name!r} (line {named_at}), "
                     f"found {_shown(line)}"
@@ -88,7 +100,9 @@ def tle_records(text: str, source: str) -> Iterator[tuple[str, Satrec]]:
                 f"{source}, line {number}: the file ends here; line 2 of this element set is missing"
             )
         second_number, second = lines[at]
-        if not second.startswith("2 "):
+        if re.fullmatch(_TIMES, second[_LENGTH:], flags=re.ASCII):
+            second = second[:_LENGTH]
+        if not _begins(second, "2"):
             raise ValueError(
                 f"{source}, line {second_number}: expected line 2 of the set, found {_shown(second)}"
             )
@@ -103,7 +117,12 @@ def tle_records(text: str, source: str) -> Iterator[tuple[str, Satrec]]:
             satellite = Satrec.twoline2rv(line, second)
         except ValueError as error:
             raise ValueError(f"{source}, line {number}: not a valid element set ({error})") from None
-        yield name, satellite
+        yield name, catalogue_number(line[2:7]), satellite
+
+
+def _begins(line: str, which: str) -> bool:
+    """Whether this is line 1 or 2 of a set, and not a name (24 characters at most) that begins with a digit."""
+    return line.startswith(which + " ") and len(line) > 24
 
 
 def _check_line(line: str, where: str) -> None:
@@ -117,9 +136,28 @@ def _check_line(line: str, where: str) -> None:
             raise ValueError(
                 f"{where}: {name} (columns {start + 1} to {stop}) cannot be {line[start:stop]!r}"
             )
+    try:
+        catalogue_number(line[2:7])
+    except ValueError as error:
+        raise ValueError(f"{where}: catalogue number (columns 3 to 7): {error}") from None
+    if line[0] == "1":
+        _check_epoch(line, where)
     for column in _BLANKS[line[0]]:
         if line[column] != " ":
             raise ValueError(f"{where}: column {column + 1} must be blank, found {line[column]!r}")
+
+
+def _check_epoch(line: str, where: str) -> None:
+    """The day of the year must be one, and the elements those of SGP4."""
+    short = int(line[18:20])
+    year, day = short + (1900 if short >= 57 else 2000), float(line[20:32])
+    days = 365 + calendar.isleap(year)
+    if not 1.0 <= day < days + 1.0:
+        raise ValueError(
+            f"{where}: epoch (columns 19 to 32): {year} has no day {line[20:32].strip()}, only 1 to {days}"
+        )
+    if line[62] == "4":
+        raise ValueError(f"{where}: ephemeris type 4 (SGP4-XP); only elements of SGP4 can be propagated here")
 
 
 def _shown(line: str) -> str:
