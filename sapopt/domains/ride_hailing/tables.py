@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from sapopt.data.types import FloatArray
 from sapopt.domains.ride_hailing.city import City
 from sapopt.domains.ride_hailing.trips import Trips
+
+logger = logging.getLogger(__name__)
+
+_CROWD = 0.1
+"""Windows with less than this share of the fullest one's trips hold stray rows; a city's quietest hours have more."""
 
 _KM_PER_DEGREE = 111.195
 """Length of one degree of latitude on a sphere of radius 6371 km."""
@@ -36,7 +43,9 @@ def city_from_trips(
     drivers : int
         n.
     start_s : float, optional
-        Second at which step 0 begins, as `Trips` counts them; that of the first trip if omitted.
+        Second at which step 0 begins, as `Trips` counts them. If omitted, that of the first trip, or, where only stray
+        trips lie near it (tables have rows of other months and years), of the first one from which on trips come at
+        a tenth of their highest rate; the log says how many are left out before it.
     steps, step_s : int, float
         T, and the seconds of a step.
     cell_km : float
@@ -58,13 +67,15 @@ def city_from_trips(
     for name, whole in (("drivers", drivers), ("steps", steps)):
         if int(whole) != whole or whole < 1:
             raise ValueError(f"{name} must be a whole number of at least 1, got {whole!r}")
-    begin = float(trips.pick_up_s[0]) if start_s is None else float(start_s)
+    begin = _begin(trips, steps * step_s) if start_s is None else float(start_s)
+    if not np.isfinite(begin):
+        raise ValueError(f"start_s must be a finite number of seconds, got {start_s!r}")
     step = np.floor((trips.pick_up_s - begin) / step_s).astype(np.int64)
     chosen = np.flatnonzero((step >= 0) & (step < steps))
     if len(chosen) == 0:
         raise ValueError(
-            f"start_s: no trip begins between {begin:g} and {begin + steps * step_s:g} s; the table goes from "
-            f"{trips.pick_up_s[0]:g} to {trips.pick_up_s[-1]:g} s"
+            f"start_s: no trip begins between {trips.told(begin)} and {trips.told(begin + steps * step_s)}; the table "
+            f"goes from {trips.told(trips.pick_up_s[0])} to {trips.told(trips.pick_up_s[-1])}"
         )
     ends_deg = np.concatenate([trips.pick_up_deg[chosen], trips.drop_off_deg[chosen]])
     ends_km = _flat_km(ends_deg)
@@ -84,6 +95,21 @@ def city_from_trips(
         places_km, travel, step[chosen], pick_up, drop_off, trips.fare[chosen], home, int(steps), float(step_s),
         int(patience),
     )  # fmt: skip
+
+
+def _begin(trips: Trips, window_s: float) -> float:
+    """Where the trips are: the first pick-up whose window holds a tenth of the trips of the fullest one."""
+    times = trips.pick_up_s
+    within = np.searchsorted(times, times + window_s, side="left") - np.arange(len(times))
+    first = int(np.argmax(within >= _CROWD * within.max()))
+    if first:
+        logger.warning(
+            "start_s: step 0 begins at %s; %d trips before it are left out, the first at %s",
+            trips.told(times[first]),
+            first,
+            trips.told(times[0]),
+        )
+    return float(times[first])
 
 
 def _flat_km(degrees: FloatArray) -> FloatArray:

@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import gzip
 import logging
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sapopt.data.types import FloatArray
+from sapopt.domains.ride_hailing.columns import Columns, find_columns
+from sapopt.domains.ride_hailing.rows import MissingReaderError, table_rows
+from sapopt.domains.ride_hailing.values import is_place, number_of, time_of, zone_of
+
+__all__ = ["MissingReaderError", "Trips", "read_trips", "read_zones"]
 
 log = logging.getLogger(__name__)
-
-# Names in the tables of the New York taxi commission over the years, lower case, the usual one first.
-_NAMES: dict[str, tuple[str, ...]] = {
-    "pick_up_time": (
-        "tpep_pickup_datetime", "lpep_pickup_datetime", "pickup_datetime", "trip_pickup_datetime",
-    ),
-    "drop_off_time": (
-        "tpep_dropoff_datetime", "lpep_dropoff_datetime", "dropoff_datetime", "trip_dropoff_datetime",
-    ),
-    "pick_up_longitude": ("pickup_longitude", "start_lon"),
-    "pick_up_latitude": ("pickup_latitude", "start_lat"),
-    "drop_off_longitude": ("dropoff_longitude", "end_lon"),
-    "drop_off_latitude": ("dropoff_latitude", "end_lat"),
-    "fare": ("fare_amount", "fare_amt", "base_passenger_fare", "total_amount", "total_amt"),
-}  # fmt: skip
-_ZONES: dict[str, tuple[str, ...]] = {
-    "pick_up_zone": ("pulocationid",),
-    "drop_off_zone": ("dolocationid",),
-}
-
-
-class MissingReaderError(ImportError):
-    """An optional package is not installed; the message names the extra that brings it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +29,14 @@ class Trips:
     Attributes
     ----------
     pick_up_s, drop_off_s : ndarray, shape (R,)
-        Seconds since the table's first midnight.
+        Seconds since `midnight`.
     pick_up_deg, drop_off_deg : ndarray, shape (R, 2)
         Longitude and latitude.
     fare : ndarray, shape (R,)
     dropped : int
         Rows that were left out because a value is missing or impossible.
+    midnight : datetime or None
+        Begin of the day of the first trip, in UTC where the table tells offsets, else without a time zone.
     """
 
     pick_up_s: FloatArray
@@ -63,9 +45,16 @@ class Trips:
     drop_off_deg: FloatArray
     fare: FloatArray
     dropped: int = 0
+    midnight: datetime | None = None
 
     def __len__(self) -> int:
         return len(self.fare)
+
+    def told(self, second: float) -> str:
+        """A second as messages show it, with the date if it is known."""
+        if self.midnight is None:
+            return f"{second:g} s"
+        return f"{second:g} s ({self.midnight + timedelta(seconds=second):%Y-%m-%d %H:%M:%S})"
 
 
 def read_trips(
@@ -75,130 +64,138 @@ def read_trips(
     zones: Mapping[int, Sequence[float]] | None = None,
     limit: int | None = None,
 ) -> Trips:
-    """Read a trip table with pick-up and drop-off times and places, such as those of the New York taxi commission.
+    """Read a trip table with pick-up and drop-off times and places: those of the New York taxi commission, of Chicago.
 
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.csv.gz`` or ``.parquet`` (this one needs the extra ``tables``).
+        CSV, gzipped CSV, or Parquet (this one needs the extra ``tables``); the content tells which.
     columns : mapping of str to str, optional
-        Names of the columns where they are not the usual ones; keys are ``pick_up_time``, ``drop_off_time``,
-        ``pick_up_longitude``, ``pick_up_latitude``, ``drop_off_longitude``, ``drop_off_latitude`` and ``fare``.
+        Names of the columns where they are not the usual ones; keys are ``pick_up_time``, ``drop_off_time`` (or
+        ``duration_s``), ``pick_up_longitude``, ``pick_up_latitude``, ``drop_off_longitude``, ``drop_off_latitude``,
+        ``pick_up_zone``, ``drop_off_zone`` and ``fare``.
     zones : mapping of int to (longitude, latitude), optional
-        Centres of the zones, for tables that tell zones in place of coordinates (``PULocationID``, ``DOLocationID``).
+        Centres of the zones, for tables that tell zones in place of coordinates (``PULocationID``, ``DOLocationID``),
+        see `read_zones`.
     limit : int, optional
         Read at most this many rows.
 
     Returns
     -------
     Trips
-        Rows without a time, place, fare, or with an end before the start, are left out and counted.
+        Rows without a time, place, fare, or with an end before the start, are left out and counted. Coordinates with a
+        zero are unknown places. Times with an offset are compared as instants; where some rows have one and others do
+        not, the rarer kind is left out.
 
     Raises
     ------
     FileNotFoundError
     ValueError
-        If a column is missing, or no row can be used.
+        If the file is damaged, a column is missing, or no row can be used.
     MissingReaderError
         If a Parquet file is given and pyarrow is not installed.
+
+    Notes
+    -----
+    A table without any fare (for-hire vehicles of New York) gets one for every minute of the ride, and the log says so.
     """
     path = Path(path)
     if limit is not None and limit < 1:
         raise ValueError(f"limit must be at least 1, got {limit!r}")
-    rows = _parquet_rows(path) if path.suffix.lower() == ".parquet" else _csv_rows(path)
+    rows = table_rows(path)
     header = next(rows, None)
     if header is None:
         raise ValueError(f"{path}: the table is empty")
-    place = _places(path, [str(name) for name in header], columns or {}, zones is not None)
-    kept: list[list[float]] = []
-    times: list[tuple[datetime, datetime]] = []
+    found = find_columns(path, [str(name) for name in header], columns or {}, zones is not None)
+    if found.fare is None:
+        log.warning("%s: the table has no fares; every ride pays 1 for each of its minutes", path)
     read = 0
-    for row in rows:
-        if limit is not None and read >= limit:
-            break
+    kept: list[tuple[datetime, datetime, list[float]]] = []
+    for row in islice(rows, limit):
         read += 1
         try:
-            begin, end = (_time(row[place[name]]) for name in ("pick_up_time", "drop_off_time"))
-            if zones is None:
-                where = [float(row[place[name]]) for name in list(_NAMES)[2:6]]
-            else:
-                where = [float(x) for name in _ZONES for x in zones[int(row[place[name]])]]
-            fare = float(row[place["fare"]])
-        except (ValueError, TypeError, KeyError, IndexError):
+            trip = _trip(row, found, zones or {})
+        except (ValueError, TypeError, KeyError, IndexError, OverflowError):
             continue
-        if end >= begin and _possible(where) and math.isfinite(fare) and fare > 0:
-            times.append((begin, end))
-            kept.append([*where, fare])
+        if trip is not None:
+            kept.append(trip)
+    aware = sum(begin.tzinfo is not None for begin, _, _ in kept)
+    if 0 < aware < len(kept):
+        log.warning("%s: %d of %d times tell an offset; the rarer kind is left out", path, aware, len(kept))
+        kept = [trip for trip in kept if (trip[0].tzinfo is not None) == (2 * aware > len(kept))]
     if not kept:
         raise ValueError(f"{path}: none of its {read} rows has times, places and a fare that make sense")
     if len(kept) < read:
         log.warning(
             "%s: %d of %d rows left out, a value is missing or impossible", path, read - len(kept), read
         )
-    first = min(begin for begin, _ in times).replace(hour=0, minute=0, second=0, microsecond=0)
-    seconds = np.array([[(t - first).total_seconds() for t in pair] for pair in times])
-    values = np.array(kept)
+    midnight = min(begin for begin, _, _ in kept).replace(hour=0, minute=0, second=0, microsecond=0)
+    seconds = np.array([[(t - midnight).total_seconds() for t in trip[:2]] for trip in kept])
+    values = np.array([trip[2] for trip in kept])
     order = np.argsort(seconds[:, 0], kind="stable")
     seconds, values = seconds[order], values[order]
-    return Trips(seconds[:, 0], seconds[:, 1], values[:, 0:2], values[:, 2:4], values[:, 4], read - len(kept))
+    return Trips(
+        seconds[:, 0], seconds[:, 1], values[:, 0:2], values[:, 2:4], values[:, 4], read - len(kept), midnight
+    )
 
 
-def _csv_rows(path: Path) -> Iterator[Sequence[Any]]:
-    opener: Any = gzip.open if path.suffix.lower() == ".gz" else open
-    with opener(path, "rt", newline="", encoding="utf-8-sig") as file:
-        yield from (row for row in csv.reader(file) if row)
+def _trip(
+    row: Sequence[Any], columns: Columns, zones: Mapping[int, Sequence[float]]
+) -> tuple[datetime, datetime, list[float]] | None:
+    """Begin, end, and (places, fare) of a row; None, or an error, if it cannot be used."""
+    begin = time_of(row[columns.begin])
+    if columns.end is not None:
+        end = time_of(row[columns.end])
+    elif columns.duration is not None:
+        end = begin + timedelta(seconds=number_of(row[columns.duration]))
+    if (begin.tzinfo is None) != (end.tzinfo is None) or end < begin:
+        return None
+    if columns.zoned:
+        where = [float(x) for index in columns.places for x in zones[zone_of(row[index])]]
+    else:
+        where = [number_of(row[index]) for index in columns.places]
+    minutes = (end - begin).total_seconds() / 60.0
+    fare = minutes if columns.fare is None else number_of(row[columns.fare])
+    good = is_place(*where[:2]) and is_place(*where[2:]) and fare > 0
+    return (begin, end, [*where, fare]) if good else None
 
 
-def _parquet_rows(path: Path) -> Iterator[Sequence[Any]]:
-    try:
-        import pyarrow.parquet as parquet
-    except ImportError:
-        raise MissingReaderError(
-            "Parquet files need pyarrow: pip install 'sapopt[tables]' (CSV needs nothing)"
-        ) from None
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
-    try:
-        with parquet.ParquetFile(path) as table:
-            yield table.schema_arrow.names
-            for batch in table.iter_batches():
-                yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
-    except OSError as error:  # pyarrow's error for a damaged file is a ValueError, for a cut one an OSError
-        raise ValueError(f"{path}: damaged or no Parquet file ({error})") from None
+def read_zones(path: str | Path) -> dict[int, tuple[float, float]]:
+    """Centres of zones, from a table with a number, a longitude and a latitude for each: the `zones` of `read_trips`.
 
+    Parameters
+    ----------
+    path : str or Path
+        CSV, gzipped CSV or Parquet, with the columns ``LocationID`` (or ``zone``, ``area_number``, ``id``),
+        ``longitude`` and ``latitude`` (or ``lon`` and ``lat``).
 
-def _places(path: Path, header: list[str], columns: Mapping[str, str], zones: bool) -> dict[str, int]:
-    """Index of every column that is needed."""
-    known = {name.strip().lower(): index for index, name in reversed(list(enumerate(header)))}
-    wanted = dict(_NAMES)
-    if zones:
-        wanted = {name: wanted[name] for name in ("pick_up_time", "drop_off_time", "fare")} | _ZONES
-    if unknown := set(columns) - set(wanted):
-        raise ValueError(f"columns: {sorted(unknown)[0]!r} is none of {', '.join(wanted)}")
-    out = {}
-    for key, usual in wanted.items():
-        names = (columns[key].lower(),) if key in columns else usual
-        found = next((known[name] for name in names if name in known), None)
-        if found is None and not zones and any(name in known for name in ("pulocationid", "dolocationid")):
-            raise ValueError(
-                f"{path}: the table tells zones, not coordinates; pass zones={{id: (longitude, latitude)}} with the "
-                "centres of the zones"
-            )
-        if found is None:
-            raise ValueError(
-                f"{path}: there is no column for {key} (looked for {', '.join(names)}; there are "
-                f"{', '.join(header)}); name it with columns={{{key!r}: ...}}"
-            )
-        out[key] = found
-    return out
-
-
-def _time(value: Any) -> datetime:
-    time = value if isinstance(value, datetime) else datetime.fromisoformat(str(value).strip())
-    return time.replace(tzinfo=None)
-
-
-def _possible(where: list[float]) -> bool:
-    """Whether longitudes and latitudes are on the globe; exactly (0, 0) is how these tables say "unknown"."""
-    pairs = (where[:2], where[2:])
-    return all(abs(lon) <= 180 and abs(lat) <= 90 and (lon, lat) != (0.0, 0.0) for lon, lat in pairs)
+    Raises
+    ------
+    FileNotFoundError
+    ValueError
+        If the file is damaged, a column is missing, or no row can be used.
+    """
+    path = Path(path)
+    rows = table_rows(path)
+    header = [str(name).strip().lower() for name in next(rows, ())]
+    at = []
+    for names in (
+        ("locationid", "location_id", "area_number", "zone_id", "zone", "id"),
+        ("longitude", "lon"),
+        ("latitude", "lat"),
+    ):
+        index = next((header.index(name) for name in names if name in header), None)
+        if index is None:
+            raise ValueError(f"{path}: there is no column {names[0]} (there are {', '.join(header)})")
+        at.append(index)
+    zones = {}
+    for row in rows:
+        try:
+            number, longitude, latitude = zone_of(row[at[0]]), number_of(row[at[1]]), number_of(row[at[2]])
+        except (ValueError, TypeError, IndexError, OverflowError):
+            continue
+        if is_place(longitude, latitude):
+            zones[number] = (longitude, latitude)
+    if not zones:
+        raise ValueError(f"{path}: none of its rows has a number, a longitude and a latitude")
+    return zones
