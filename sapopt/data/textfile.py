@@ -1,13 +1,17 @@
-"""Text files that others made: decoded by their byte order mark, tables read row by row, every error with its line."""
+"""Text files that others made: decoded by their byte order mark, tables read row by row, numbers taken strictly."""
 
 from __future__ import annotations
 
 import csv
 import gzip
 import io
+import math
+import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", flags=re.ASCII)
 
 _MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 """Byte order marks, and the encodings that they announce."""
@@ -40,6 +44,24 @@ def read_text(path: str | Path) -> str:
 def lines_of(text: str) -> list[str]:
     """The lines as an editor counts them; `str.splitlines` breaks at form feeds and other characters as well."""
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def plain_number(text: str) -> float:
+    """A finite decimal number.
+
+    `float` would also take nan, inf, underscores and the digits of other scripts.
+
+    Raises
+    ------
+    ValueError
+        If the text is none.
+    """
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"{text!r} is no number")
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is too large")
+    return value
 
 
 def csv_rows(file: Iterator[str] | io.TextIOBase, source: str) -> Iterator[tuple[int, list[str]]]:

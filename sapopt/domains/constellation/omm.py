@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, TypeVar
 
+from sapopt.data.textfile import plain_number
 from sapopt.domains.constellation.catalogue import catalogue_number
 from sapopt.domains.constellation.epochs import utc_days
 from sapopt.domains.constellation.omm_forms import Record, records_of
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
     from sgp4.api import Satrec
 
 T = TypeVar("T")
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?(\s*\[[^\]]*\])?", flags=re.ASCII)
-"""A number, perhaps with its unit in brackets, as KVN may have it."""
 
 _ZERO_IF_MISSING = ("MEAN_MOTION_DOT", "MEAN_MOTION_DDOT")
 """SGP4 does not use them, and the standard lets them be left out."""
@@ -122,10 +120,5 @@ def _number(record: Record, name: str) -> float:
 
 
 def _read_number(text: str) -> float:
-    # float() would also take nan, inf, 1_000 and the digits of other scripts.
-    if not _NUMBER.fullmatch(text):
-        raise ValueError(f"{text!r} is no number")
-    value = float(re.sub(r"\s*\[.*", "", text).upper().replace("D", "E"))
-    if not math.isfinite(value):
-        raise ValueError(f"{text!r} is too large")
-    return value
+    # KVN may have units in brackets, and Fortran writes D for the exponent.
+    return plain_number(re.sub(r"\s*\[[^\]]*\]$", "", text).replace("D", "E").replace("d", "e"))

@@ -7,11 +7,12 @@ import re
 from datetime import UTC, date, datetime, timedelta
 from typing import Any
 
+from sapopt.data.textfile import plain_number
+
 _AMERICAN = re.compile(
     r"(\d{1,2})/(\d{1,2})/(\d{4}) (\d{1,2}):(\d\d)(?::(\d\d))? ?([AP]M)?", re.ASCII | re.IGNORECASE
 )
 _UNIX = re.compile(r"\d{9,10}(?:\.\d*)?", re.ASCII)
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 def time_of(value: Any) -> datetime:
@@ -57,9 +58,7 @@ def number_of(value: Any) -> float:
     """
     if isinstance(value, str):
         text = re.sub(r"^\$|(?<=\d),(?=\d{3}(?:\D|$))", "", value.strip())
-        if not _NUMBER.fullmatch(text):
-            raise ValueError(f"{value!r} is no number")
-        value = text
+        return plain_number(text)
     number = float(value)
     if not math.isfinite(number):
         raise ValueError(f"{value!r} is not finite")
