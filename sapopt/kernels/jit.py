@@ -23,6 +23,9 @@ import numpy as np
 PATIENCE = 0.6
 """Seconds that a process may spend in interpreted kernels: about what loading numba and a few cached kernels takes."""
 
+SMALL = 2_000
+"""Numbers in the arguments up to which most kernels are interpreted; that takes them a few milliseconds."""
+
 KERNELS: list[Kernel] = []
 """All kernels of the modules imported so far."""
 
@@ -101,14 +104,14 @@ class Kernel:
 
     def _interpret(self, args: tuple[Any, ...]) -> Any:
         global _spent
-        began = time.perf_counter()
+        began = time.thread_time()
         _here.interpreting = True
         try:
             with np.errstate(all="ignore"):  # infinities are numbers like others to a kernel
                 return self.py_func(*args)
         finally:
             _here.interpreting = False
-            _spent += time.perf_counter() - began
+            _spent += time.thread_time() - began
 
 
 def njit(function: Any = None, *, small: int = 0, cache: bool = True, **options: Any) -> Any:

@@ -16,19 +16,19 @@ import numpy as np
 
 from sapopt.kernels import ties
 from sapopt.kernels.heap import pop, push
-from sapopt.kernels.jit import njit
+from sapopt.kernels.jit import SMALL, njit
 
 _ROUNDS = 10  # passes of row reduction; a search costs more than a pass over the few agents that still wait
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def assign_and_park(row_start, tasks, gains, held, held_gain, order, careful):
     """`solve_rows` without the prices."""
     chosen, gain, parked, _ = solve_rows(row_start, tasks, gains, held, held_gain, order, careful)
     return chosen, gain, parked
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def solve_rows(row_start, tasks, gains, held, held_gain, order, careful):
     """Matching, canonical choice among ties, parking.
 
@@ -66,7 +66,7 @@ def solve_rows(row_start, tasks, gains, held, held_gain, order, careful):
     return chosen, gain, parked, p
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def positive_rows(row_start, tasks, gains, held, held_gain):
     """Rows that list positive gains only, the held task among them in its place; sorted by decreasing gain.
 
@@ -103,7 +103,7 @@ def positive_rows(row_start, tasks, gains, held, held_gain):
     return starts, choices[:filled], worth[:filled]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def match(row_start, tasks, gains, m):
     """Find the matching of greatest total gain.
 
@@ -153,7 +153,7 @@ def match(row_start, tasks, gains, m):
     return chosen, owner, u, p, waiting, scanned
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
     """One pass of row reduction over the queue; who is left without a task is queued again.
 
@@ -198,7 +198,7 @@ def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
     return again, scanned
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _augment(
     start, row_start, tasks, gains, chosen, owner, u, p, dist, via, done, touched, heap_key, heap_task
 ):
@@ -287,7 +287,7 @@ def _augment(
     return scanned
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def park(row_start, tasks, gains, held, held_gain, chosen, owner, order, careful):
     """Give every idle agent, in ascending index, the first free task of `order`; in place.
 
@@ -330,7 +330,7 @@ def park(row_start, tasks, gains, held, held_gain, chosen, owner, order, careful
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def greedy(row_start, tasks, gains, held, held_gain, m):
     """Agents in ascending index take their best free task of positive gain; owners as in `match`."""
     n = len(row_start) - 1
@@ -352,7 +352,7 @@ def greedy(row_start, tasks, gains, held, held_gain, m):
     return chosen, owner
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def total_gain(row_start, tasks, gains, held, held_gain, chosen):
     """Total gain of an assignment; pairs that are not listed count 0."""
     total = 0.0
@@ -369,14 +369,14 @@ def total_gain(row_start, tasks, gains, held, held_gain, chosen):
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def duals(row_start, tasks, gains, held, held_gain, chosen, owner):
     """`sapopt.kernels.ties.duals` for rows with a held task."""
     rows = positive_rows(row_start, tasks, gains, held, held_gain)
     return ties.duals(rows[0], rows[1], rows[2], chosen, owner)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def settle_ties(row_start, tasks, gains, held, held_gain, chosen, owner, u, p):
     """`sapopt.kernels.ties.settle` for rows with a held task."""
     rows = positive_rows(row_start, tasks, gains, held, held_gain)

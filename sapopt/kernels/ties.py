@@ -30,7 +30,7 @@ def settle(row_start, tasks, gains, chosen, owner, u, p):
         _smallest(row_start, tasks, gains, chosen, owner, u, p, tol)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
     """Whether the tight pairs outside the matching form a cycle (Kahn's topological order).
 
@@ -103,7 +103,7 @@ def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
     return removed < size + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
     """Agent by agent, switch to the smallest tight task that leaves an optimal matching of the agents after it."""
     n = len(chosen)
@@ -137,7 +137,7 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
             last = j
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _tight(i, row_start, tasks, gains, u, p, tol, option):
     """List the tasks that agent i may have in an optimal matching as far as its own duals tell."""
     size = 0
@@ -150,7 +150,7 @@ def _tight(i, row_start, tasks, gains, u, p, tol, option):
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _redirect(
     i, wish, stamp, row_start, tasks, gains, chosen, owner, u, p, tol, seen, parent, taken, queue, option
 ):

@@ -27,6 +27,7 @@ FOUND, STUCK, UNFINISHED = 1, -1, -2
 OPEN = -1  # instead of a child: not solved
 _UNPRICED = 1e300  # bound of what has no prices yet
 _TIE = 1e-12  # relative difference below which two sequences are equal
+_SMALL = 30_000  # more than elsewhere: most of the room in the arrays is never used
 _MARGIN = 1e-9  # relative; a bound must be lower than a known value by more, far above ties and rounding
 
 Windows = namedtuple("Windows", "row_start tasks gains negative")
@@ -44,7 +45,7 @@ without handover, and its hash ``key``; ``child`` and ``value`` of shape (L + 1,
 the interval of length l + 1, or OPEN, and the value of that interval."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=_SMALL)
 def add_step(windows, prices, indptr, indices, data, m, first, last, entry_cost):
     """Make the windows ``[a, last + 1)`` for a from `first` to `last`.
 
@@ -74,7 +75,7 @@ def add_step(windows, prices, indptr, indices, data, m, first, last, entry_cost)
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=_SMALL)
 def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, order, budget):
     """Find the first assignment of the best sequence of intervals over ``k .. stop - 1``.
 
@@ -137,7 +138,7 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
     return FOUND, nodes.state[(k + first) % ring, child].astype(np.int64), solved
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _last_intervals(nodes, before, k, stop, problem, budget):
     """Solve the intervals that end at `stop` or one step before it, as long as one may be part of the best sequence.
 
@@ -168,7 +169,10 @@ def _last_intervals(nodes, before, k, stop, problem, budget):
                     top = max(top, before[a % ring, v] + nodes.value[a % ring, v, end - a - 1])
     solved = 0
     while size > 0:
-        q = int(np.argmax(bound[:size]))
+        q = 0
+        for other in range(size):
+            if bound[other] > bound[q]:
+                q = other
         if bound[q] < top - _MARGIN * abs(top):
             break
         a, v, end = start[q], node[q], start[q] + length[q]
@@ -203,7 +207,7 @@ def _last_intervals(nodes, before, k, stop, problem, budget):
     return FOUND, solved
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _best_cut(nodes, before, k, stop, root_node):
     """Length of the first interval of the best sequence; of equal ones the shortest."""
     ring, capacity = before.shape
@@ -227,7 +231,7 @@ def _best_cut(nodes, before, k, stop, root_node):
     return first
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _entry(nodes, start, node, length, problem):
     """Slot, rows, held tasks and their gains, and the common value of all other tasks, for an interval from a node."""
     plain, charged, prices, cost, idle_is_free, order = problem
@@ -244,7 +248,7 @@ def _entry(nodes, start, node, length, problem):
     return slot, windows, held, held_gain, rest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _solve(nodes, start, node, length, problem):
     """Solve an interval; False if idle agents found no task."""
     slot, windows, held, held_gain, rest = _entry(nodes, start, node, length, problem)
@@ -271,11 +275,14 @@ def _solve(nodes, start, node, length, problem):
                     break
                 top = max(top, gains[e] - p[tasks[e]])
             prices.top[slot, i] = top
-        prices.rough[slot] = prices.total[slot] + prices.top[slot].sum()
+        rough = prices.total[slot]
+        for i in range(len(held)):
+            rough += prices.top[slot, i]
+        prices.rough[slot] = rough
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _rough_bound(start, end, stop, lookahead, problem):
     """What `_bound` or, if the interval ends before `stop`, `_pair_bound` is at most for any state."""
     prices, cost, idle_is_free = problem[2], problem[3], problem[4]
@@ -291,7 +298,7 @@ def _rough_bound(start, end, stop, lookahead, problem):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _bound(nodes, start, node, stop, problem):
     """Upper bound of the value of the interval from a node to `stop`; infinite as long as its window has no prices."""
     prices = problem[2]
@@ -306,7 +313,7 @@ def _bound(nodes, start, node, stop, problem):
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
     """Upper bound of the value of two intervals from a node, to ``stop - 1`` and from there to `stop`.
 
@@ -349,16 +356,16 @@ def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _hash(tasks):
-    """Polynomial hash of an assignment."""
+    """Polynomial hash of an assignment, below 2^31, so that no product overflows."""
     key = np.int64(0)
     for j in tasks:
-        key = key * np.int64(6364136223846793005) + np.int64(j) + 1
+        key = (key * np.int64(1_103_515_245) + np.int64(j) + 1) & np.int64(0x7FFFFFFF)
     return key
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _node(nodes, step, tasks, key):
     """Number of the node of a state at a step, a new one if there is none."""
     here = step % len(nodes.size)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sapopt.kernels.jit import njit
+from sapopt.kernels.jit import SMALL, njit
 
 _INSERT = 64  # rows up to this length are sorted by plain insertion
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
     """Sum the rows of the steps ``first .. last - 1`` and sort every row by decreasing gain.
 
@@ -60,7 +60,7 @@ def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
     return row_start, tasks[:filled].copy(), gains[:filled].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def longer_window(
     row_start, tasks, gains, indptr, indices, data, total, seen, entry_cost, out_start, out_tasks, out_gains
 ):
@@ -112,7 +112,7 @@ def longer_window(
     return negative
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def fill_sorted(tasks, gains, total, begin, end):
     """Write the gains of one row by decreasing gain, equal gains by ascending task (Shell's sort)."""
     for e in range(begin, end):
@@ -137,7 +137,7 @@ def fill_sorted(tasks, gains, total, begin, end):
         gap //= 3
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, small=SMALL)
 def listed_gain(row_start, tasks, gains, chosen, bonus):
     """Gain listed for task ``chosen[i]`` of every agent i (0 where it is not listed), plus `bonus`."""
     out = np.full(len(chosen), bonus)

@@ -118,7 +118,7 @@ class HAAL:
 
     def _compiled(self, outlook: Outlook, memory: HAALMemory, order: IntArray) -> IntArray | None:
         """The step's assignment by the compiled search; None where it does not apply."""
-        if memory.uncompiled or self.keep_plan:
+        if memory.uncompiled or self.keep_plan or self.lookahead == 1:  # one interval needs no search
             return None
         if memory.tree is None:
             memory.tree = CompiledTree.of(outlook, self.lookahead)

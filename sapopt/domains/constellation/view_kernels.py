@@ -1,4 +1,4 @@
-"""Compiled loops of the visibility search. Import them where they are needed: this loads numba."""
+"""Compiled loops of the visibility search."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.jit import njit
+
+_SMALL = 10_000
+_INSERT = 64  # ranges up to this length are sorted by plain insertion
 
 
-@njit(cache=True)
+@njit(cache=True, no_cpython_wrapper=True)
 def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:
     """Range of the south-to-north sorted `ground` points whose latitude a satellite can see."""
     latitude = math.asin(min(1.0, max(-1.0, sine_latitude)))
@@ -19,14 +22,40 @@ def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:
     # A hair wider than needed, so that rounding never cuts the edge; the exact test follows.
     south = max(-half_pi, latitude - footprint - 1e-9)
     north = min(half_pi, latitude + footprint + 1e-9)
-    z = ground[:, 2]
-    return (
-        np.searchsorted(z, math.sin(south) - 1e-15),
-        np.searchsorted(z, math.sin(north) + 1e-15, side="right"),
-    )
+    return _first_above(ground, math.sin(south) - 2e-15), _first_above(ground, math.sin(north) + 1e-15)
 
 
-@njit(cache=True)
+@njit(cache=True, no_cpython_wrapper=True)
+def _first_above(ground: FloatArray, z: float) -> int:
+    """The first of the south-to-north sorted `ground` points that lies north of `z`."""
+    low, high = 0, len(ground)
+    while low < high:
+        middle = (low + high) // 2
+        if ground[middle, 2] > z:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@njit(cache=True, no_cpython_wrapper=True)
+def _sort(values: IntArray, begin: int, end: int) -> None:
+    """Sort a range in ascending order (Shell's sort; numba's own takes seconds to compile)."""
+    gap = 1
+    while gap < (end - begin) // _INSERT:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for e in range(begin + gap, end):
+            value = values[e]
+            q = e
+            while q >= begin + gap and values[q - gap] > value:
+                values[q] = values[q - gap]
+                q -= gap
+            values[q] = value
+        gap //= 3
+
+
+@njit(cache=True, small=_SMALL)
 def visible_tasks(
     positions: FloatArray, footprint: FloatArray, ground: FloatArray, task_of_point: IntArray
 ) -> Any:
@@ -65,13 +94,13 @@ def visible_tasks(
                         indices[count] = task_of_point[point]
                     count += 1
             if fill:
-                indices[indptr[row] : count].sort()
+                _sort(indices, indptr[row], count)
             else:
                 indptr[row + 1] = count
     return indptr, indices
 
 
-@njit(cache=True)
+@njit(cache=True, small=_SMALL)
 def proximities(
     positions: FloatArray,
     ground: FloatArray,
@@ -92,5 +121,6 @@ def proximities(
             sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
             off_nadir = math.atan2(earth_radius * sine, radius - earth_radius * cosine)
             # A task on the very edge may round to an angle beyond it.
-            data[entry] = math.exp(-0.5 * (min(off_nadir, half_angle) / sigma) ** 2)
+            share = min(off_nadir, half_angle) / sigma
+            data[entry] = math.exp(-0.5 * (share * share))
     return data
