@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from sapopt.data.types import FloatArray
-from sapopt.dynamics.paths.oracles import is_agent_local
 from sapopt.formulations.bounds import dual_bound, stepwise_bound
 from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
@@ -140,7 +139,7 @@ def bound(
     with _display(progress, "bound", callback) as report:
         run = Run(seed, time_limit, report)
         with interruptible(run):
-            if not is_agent_local(problem.model):
+            if not problem.model.is_agent_local:
                 return stepwise_bound(problem, run)
             return dual_bound(problem, run, prices, device)
 
@@ -182,7 +181,7 @@ def certify(
         prices = bound(problem, time_limit=time_limit, progress=progress).prices
     if prices is None:
         raise CertificateError(
-            f"dynamics: {type(problem.dynamics).__name__} is not agent-local, so no prices prove a bound"
+            f"dynamics: {problem.model.called} is not agent-local, so no prices prove a bound"
         )
     return prove(problem, result.plan, prices, result.solver)
 

@@ -71,7 +71,7 @@ def train_reda(
     if weights.exists() and not force:
         raise ValueError(f"{weights} exists already; give --force to train on, or another --out")
     first = build(instance, seed)
-    has_charge = hasattr(first.model, "charge_of")
+    has_charge = first.model.charge_of(first.initial_state()) is not None
     if guide == "auto":
         guide = "power_constrained" if has_charge else "myopic"
     options = learning.TrainOptions(

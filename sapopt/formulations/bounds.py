@@ -26,11 +26,11 @@ def stepwise_bound(problem: SAP, run: Run | None = None) -> Bound:
         If the dynamics does not declare the largest entry that its handover matrix can have (``handover_limit``;
         0 for costs), without which nothing is proven.
     """
-    limit = getattr(problem.dynamics, "handover_limit", None)
+    limit = problem.model.handover_limit
     if limit is None:
         raise ValueError(
-            f"dynamics: {type(problem.dynamics).__name__} must declare handover_limit, the largest entry its handover "
-            "matrix can have (0.0 for costs), or path_oracle or local_model, before anything can be proven"
+            f"dynamics: {problem.model.called} must declare handover_limit, the largest entry its own "
+            "handover matrix can have (0.0 for costs), or path_oracle or local_model, before anything can be proven"
         )
     order = np.arange(problem.m)
     total = 0.0

@@ -17,7 +17,6 @@ import numpy as np
 from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.oracles import LocalModel
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.local import local_model, not_local
 from sapopt.problem.sap import SAP
 
@@ -65,16 +64,16 @@ def compile(problem: SAP, *, relaxed: bool = False) -> MILP:
         if forbidden.any():
             rules.append(cp.multiply(forbidden.astype(float), x[k]) == 0)
         value += cp.sum(cp.multiply(worth, x[k]))
-    model = problem.model
-    if type(model) is SwitchingCost:
+    rule = problem.model.switching()
+    if rule is not None:
         if problem.initial_assignment is not None:
-            value += cp.sum(cp.multiply(problem.handover(0, problem.initial_assignment), x[0]))
+            value += cp.sum(cp.multiply(problem.handover(0, problem.initial_state()), x[0]))
         for k in range(1, T):
             charged = np.ones((n, m))
-            if model.idle_is_free:
+            if rule.idle_is_free:
                 charged = (dense_step(problem.benefits.step(k)) > 0).astype(float)
-            move = _uniform if model.is_uniform else _by_matrix
-            value += move(cp, x[k - 1], x[k], charged, model.cost, rules)
+            move = _uniform if rule.uniform_cost is not None else _by_matrix
+            value += move(cp, x[k - 1], x[k], charged, rule.cost, rules)
     else:
         states = local_model(problem)
         assert states is not None

@@ -19,7 +19,6 @@ import scipy.sparse as sp
 from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.oracles import LocalModel
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.highs import Programme
 from sapopt.formulations.local import local_model, not_local
 from sapopt.problem.sap import SAP
@@ -206,9 +205,9 @@ def compile(problem: SAP) -> Network:
     reason = accepts(problem)
     if reason:
         raise ValueError(f"dynamics: {reason}")
-    model = problem.model
-    if type(model) is SwitchingCost and model.is_uniform:
-        return _hub_network(problem, float(model.cost), model.idle_is_free)
+    rule = problem.model.switching()
+    if rule is not None and rule.uniform_cost is not None:
+        return _hub_network(problem, rule.uniform_cost, rule.idle_is_free)
     states = local_model(problem)
     assert states is not None
     return _state_network(problem, states)

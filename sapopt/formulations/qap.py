@@ -22,7 +22,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.highs import Programme
 from sapopt.problem.sap import SAP
 
@@ -111,10 +110,10 @@ def read_qaplib(path: str | Path) -> QAP:
 
 def accepts(problem: SAP) -> str | None:
     """None, or the reason why the problem has no Koopmans-Beckmann form."""
-    if type(problem.model) is SwitchingCost:
+    if problem.model.switching() is not None:
         return None
     return (
-        f"{type(problem.dynamics).__name__} charges more than the move from one task to the next; "
+        f"{problem.model.called} charges more than the move from one task to the next; "
         "only SwitchingCost fits eq. 1.4"
     )
 
@@ -132,15 +131,16 @@ def compile(problem: SAP) -> QAP:
         raise ValueError(f"dynamics: {reason}")
     T, n, m = problem.benefits.shape
     benefits = problem.benefits.dense()
-    model = problem.model
+    rule = problem.model.switching()
+    assert rule is not None
     first = problem.handover(0, problem.initial_state())
-    cost = np.asarray(model.cost, dtype=np.float64)
+    cost = np.asarray(rule.cost, dtype=np.float64)
     if cost.ndim == 0:
         cost = cost * (1.0 - np.eye(m))
 
     positive: np.ndarray = benefits > 0
-    charge = np.asarray(positive.any(axis=1)) if model.idle_is_free else np.ones((T, m), dtype=bool)
-    free = np.asarray(~positive.all(axis=1)) if model.idle_is_free else np.zeros((T, m), dtype=bool)
+    charge = np.asarray(positive.any(axis=1)) if rule.idle_is_free else np.ones((T, m), dtype=bool)
+    free = np.asarray(~positive.all(axis=1)) if rule.idle_is_free else np.zeros((T, m), dtype=bool)
     charge[0], free[0] = True, False  # the first step's handover is in c
     place = [(k, j, True) for k in range(T) for j in range(m) if charge[k, j]]
     place += [(k, j, False) for k in range(T) for j in range(m) if free[k, j]]

@@ -17,7 +17,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.highs import Programme
 from sapopt.problem.sap import SAP
 
@@ -155,8 +154,8 @@ class Stays:
 
 def accepts(problem: SAP) -> str | None:
     """None, or the reason why the problem is not written in stays."""
-    model = problem.model
-    if type(model) is not SwitchingCost or not model.is_uniform:
+    rule = problem.model.switching()
+    if rule is None or rule.uniform_cost is None:
         return "only a SwitchingCost with one cost makes a stay worth the same whatever came before"
     T, n, m = problem.benefits.shape
     count = n * m * T * (T + 1) // 2
@@ -178,11 +177,13 @@ def compile(problem: SAP) -> Stays:
         raise ValueError(f"dynamics: {reason}")
     T, n, m = problem.benefits.shape
     benefit = problem.benefits.dense()
-    model = problem.model
+    rule = problem.model.switching()
+    assert rule is not None
+    assert rule.uniform_cost is not None
     forbidden = np.isneginf(benefit)
     worth = np.where(forbidden, 0.0, benefit)
-    entering = np.full((T, n, m), -float(model.cost))
-    if model.idle_is_free:
+    entering = np.full((T, n, m), -rule.uniform_cost)
+    if rule.idle_is_free:
         entering *= benefit > 0
     entering[0] = problem.handover(0, problem.initial_state())
     total, closed = np.zeros((T + 1, n, m)), np.zeros((T + 1, n, m), dtype=np.int64)

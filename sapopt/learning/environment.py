@@ -90,7 +90,4 @@ class Environment:
         """beta_hat of every agent's task."""
         problem, k = self.problem, self.k
         benefit = problem.benefits.slice(k, k + 1).at(assignment[None])[0]
-        quick = getattr(problem.model, "handover_at", None)
-        if quick is not None:
-            return np.asarray(benefit + quick(k, self.state, assignment))
-        return np.asarray(benefit + problem.handover(k, self.state)[np.arange(problem.n), assignment])
+        return np.asarray(benefit + problem.model.handover_at(k, self.state, assignment))

@@ -30,7 +30,7 @@ class _Played:
         self._rng = np.random.default_rng(0)
         problem = self._problems(0)
         self.n = problem.n
-        charge = hasattr(problem.model, "charge_of")
+        charge = problem.model.charge_of(problem.initial_state()) is not None
         self.spec = ObservationSpec(charge=charge) if spec is None else spec
         if self.spec.charge != charge:
             raise ValueError(f"spec: charge must be {charge} for {type(problem.dynamics).__name__}")

@@ -43,6 +43,7 @@ from numpy.typing import NDArray
 from sapopt.data.benefits import Benefits, Flat
 from sapopt.data.matrices import GainMatrix
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.base import Model
 from sapopt.solvers.base import check_lookahead
 
 
@@ -92,7 +93,7 @@ class ObservationSpec:
         return self.tasks + 1
 
     def look(
-        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+        self, benefits: Benefits, k: int, model: Model, state: Any, step: int
     ) -> tuple[NDArray[np.float32], IntArray]:
         """Observations of all agents, see `Spec.look`.
 
@@ -188,7 +189,7 @@ class Spec(Protocol):
         """M + 1: those tasks, and any other."""
 
     def look(
-        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+        self, benefits: Benefits, k: int, model: Model, state: Any, step: int
     ) -> tuple[NDArray[np.float32], IntArray]:
         """Observations of all agents.
 
@@ -210,11 +211,10 @@ class Spec(Protocol):
         """
 
 
-def charge_of(model: Any, state: Any) -> FloatArray | None:
+def charge_of(model: Model, state: Any) -> FloatArray | None:
     """Charges (n,) in a state, in parts of the capacity; None where the model knows no charge."""
-    if not hasattr(model, "charge_of"):
-        return None
-    return np.asarray(model.charge_of(state) / model.capacity)
+    charge = model.charge_of(state)
+    return None if charge is None else np.asarray(charge / model.capacity)
 
 
 def held_by(state: Any) -> IntArray | None:

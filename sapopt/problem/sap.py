@@ -9,17 +9,18 @@ import numbers
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt import dynamics as dynamics_models
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.feasibility import explain_infeasible
 from sapopt.data.files import read_npz, write_npz
-from sapopt.data.types import FloatArray, IntArray, index_array, real_array
-from sapopt.dynamics.base import Dynamics
+from sapopt.data.types import FloatArray, IntArray, index_array
+from sapopt.dynamics.base import Dynamics, Model, checked_handover
+from sapopt.dynamics.capabilities import adapt, told_fingerprint
+from sapopt.dynamics.registry import BUILT_IN, is_own
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.result import Evaluation
 
@@ -42,6 +43,13 @@ class SAP:
         Task that every agent holds before the first step. None: the first step pays no handover.
     agents, tasks : sequence of str, optional
         Labels for plots and reports.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+        As it was passed.
+    model : Model
+        The same, bound to the benefits, with an answer to every question (`sapopt.dynamics.base.Model`).
 
     Raises
     ------
@@ -74,18 +82,11 @@ class SAP:
             )
         if isinstance(dynamics, numbers.Real):
             dynamics = SwitchingCost(float(dynamics))
-        if isinstance(dynamics, type):
-            raise ValueError(f"dynamics: pass an instance, such as {dynamics.__name__}(...), not the class")
-        if not isinstance(dynamics, Dynamics):
-            raise ValueError(
-                f"dynamics: {type(dynamics).__name__} needs the methods initial_state, handover and transition"
-            )
-        self.dynamics: Any = dynamics
-        if hasattr(dynamics, "validate"):
-            dynamics.validate(self)
+        self.dynamics = cast(Dynamics, dynamics)  # `adapt` checks that it is one
         self.initial_assignment = self._checked_initial(initial_assignment)
         self.agents = _labels(agents, self.n, "agents")
         self.tasks = _labels(tasks, self.m, "tasks")
+        self.model: Model = adapt(dynamics, self)
         self._check_forbidden()
 
     @classmethod
@@ -105,25 +106,13 @@ class SAP:
     def __repr__(self) -> str:
         return f"SAP(T={self.T}, n={self.n}, m={self.m}, {self.dynamics!r})"
 
-    @cached_property
-    def model(self) -> Any:
-        """The dynamics, bound to the benefits of this problem where it depends on them."""
-        return self.dynamics.bind(self.benefits) if hasattr(self.dynamics, "bind") else self.dynamics
-
     def initial_state(self) -> Any:
         """State before the first step."""
         return self.model.initial_state(self)
 
     def handover(self, k: int, state: Any) -> FloatArray:
         """Handover matrix eta(s_k), shape ``(n, m)``."""
-        eta = real_array(self.model.handover(k, state), "dynamics.handover")
-        if eta.shape != (self.n, self.m):
-            raise ValueError(
-                f"dynamics.handover returned shape {eta.shape} at step {k}, expected {(self.n, self.m)}"
-            )
-        if np.isnan(eta).any() or np.isposinf(eta).any():
-            raise ValueError(f"dynamics.handover returned NaN or +inf at step {k}")
-        return eta
+        return checked_handover(self.model.handover(k, state), k, self.n, self.m)
 
     def transition(self, k: int, state: Any, assignment: IntArray) -> Any:
         """State after `assignment` was held at step k."""
@@ -154,10 +143,8 @@ class SAP:
         held = self.benefits.at(tasks)
         eta = np.empty((self.T, self.n))
         state = self.initial_state()
-        quick = getattr(self.model, "handover_at", None)
-        agents = np.arange(self.n)
         for k in range(self.T):
-            eta[k] = self.handover(k, state)[agents, tasks[k]] if quick is None else quick(k, state, tasks[k])
+            eta[k] = self.model.handover_at(k, state, tasks[k])
             state = self.transition(k, state, tasks[k])
         forbidden = np.argwhere(~(np.isfinite(held) & np.isfinite(eta)))
         if len(forbidden):
@@ -307,21 +294,15 @@ def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, .
     return out
 
 
-def is_own(dynamics: Any) -> bool:
-    """Whether the dynamics is a user's, not one of sapopt."""
-    return getattr(dynamics_models, type(dynamics).__name__, None) is not type(dynamics)
-
-
 def _told(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """What a user's dynamics tells of itself by ``fingerprint()``, with its class name."""
     name = type(dynamics).__name__
-    tell = getattr(dynamics, "fingerprint", None)
-    if not callable(tell):
+    told = told_fingerprint(dynamics)
+    if told is None:
         raise ValueError(
             f"dynamics: {name} is user-defined and has no fingerprint; give it a method fingerprint() that returns "
             "everything that decides its values, such as ['version 1', self.loss]"
         )
-    told = tell()
     parts = [told] if isinstance(told, (str, numbers.Real, np.ndarray)) else told
     meta: dict[str, Any] = {"own dynamics": name}
     arrays: dict[str, Any] = {}
@@ -362,8 +343,8 @@ def _described(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _rebuilt(meta: dict[str, Any], arrays: dict[str, Any]) -> Any:
     name = meta["dynamics"]
-    if name not in dynamics_models.__all__ or not dataclasses.is_dataclass(getattr(dynamics_models, name)):
+    if name not in BUILT_IN:
         raise ValueError(f"unknown dynamics {name!r}; the file was written by another version")
     prefix = "dynamics."
     options = {key[len(prefix) :]: v for key, v in (meta | arrays).items() if key.startswith(prefix)}
-    return getattr(dynamics_models, name)(**options)
+    return BUILT_IN[name](**options)

@@ -18,7 +18,8 @@ import numpy as np
 
 from sapopt.data.files import read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.problem.sap import SAP, is_own
+from sapopt.dynamics.registry import is_own
+from sapopt.problem.sap import SAP
 from sapopt.proofs.guarantees import Guarantee, guarantee
 from sapopt.proofs.plain import check_local_model, plain_bound, plain_value
 
@@ -163,7 +164,7 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
     try:
         value = plain_value(problem, plan)
         bound = plain_bound(problem, prices)
-        if is_own(problem.dynamics) and hasattr(problem.model, "local_model"):
+        if is_own(problem.dynamics):
             check_local_model(problem, np.asarray(plan))
         fingerprint = problem.fingerprint
     except ValueError as error:

@@ -21,7 +21,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.benefits import dense_step
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
 
 Answer = Literal["yes", "no", "unknown"]
@@ -194,22 +193,21 @@ def _can_idle(step: Any, m: int) -> bool:
 
 
 def _handover_size(problem: SAP) -> float:
-    dynamics = problem.dynamics
-    if isinstance(dynamics, SwitchingCost):
-        return problem.n * float(np.max(dynamics.cost))
-    floor = getattr(dynamics, "handover_floor", None)
-    limit = getattr(dynamics, "handover_limit", None)
+    rule = problem.model.switching()
+    if rule is not None:
+        return problem.n * rule.largest_cost
+    floor, limit = problem.model.handover_floor, problem.model.handover_limit
     if floor is None or limit is None or limit > 0:
         return math.nan
     return -problem.n * float(floor)
 
 
 def _conditions(problem: SAP) -> Conditions:
-    dynamics = problem.dynamics
-    if isinstance(dynamics, SwitchingCost):
-        cost = np.asarray(dynamics.cost)
+    rule = problem.model.switching()
+    if rule is not None:
+        cost = np.asarray(rule.cost)
         moves = cost if cost.ndim == 0 else cost[~np.eye(len(cost), dtype=bool)]
-        strict: Answer = "yes" if not dynamics.idle_is_free and (moves > 0).all() else "no"
+        strict: Answer = "yes" if not rule.idle_is_free and (moves > 0).all() else "no"
         return Conditions("yes", strict, "yes")
     return _enumerated(problem)
 
@@ -220,10 +218,10 @@ def _enumerated(problem: SAP) -> Conditions:
     if math.perm(problem.m, problem.n) > _ENUMERATED:
         return unknown
     assignments = [np.array(x) for x in itertools.permutations(range(problem.m), problem.n)]
-    key = getattr(problem.model, "key", None)
+    key = problem.model.key
     agents = np.arange(problem.n)
     vanishing = strict = dominated = True
-    states = {_fingerprint(key, problem.initial_state()): problem.initial_state()}
+    states = {key(problem.initial_state()): problem.initial_state()}
     tried = 0
     for k in range(problem.T - 1):
         following: dict[Any, Any] = {}
@@ -234,7 +232,7 @@ def _enumerated(problem: SAP) -> Conditions:
                 if tried > _ENUMERATED:
                     return unknown
                 entered = problem.transition(k, state, tasks)
-                name = _fingerprint(key, entered)
+                name = key(entered)
                 after.add(name)
                 following[name] = entered
                 eta = problem.handover(k + 1, entered)
@@ -249,10 +247,3 @@ def _enumerated(problem: SAP) -> Conditions:
 
 def _answer(truth: bool) -> Answer:
     return "yes" if truth else "no"
-
-
-def _fingerprint(key: Any, state: Any) -> Any:
-    if key is not None:
-        return key(state)
-    array = np.asarray(state)
-    return array.tobytes() if array.dtype != object else repr(state)

@@ -6,20 +6,14 @@ Slower than the solvers' own code on purpose: a reader should be able to check i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.battery.model import Battery
 from sapopt.dynamics.paths.oracles import LocalOracle
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
-from sapopt.proofs.plain_battery import plain_paths, plain_terms
-
-_BLOCK = 2_000_000  # entries of the largest array built at once
 
 
 def plain_value(problem: SAP, plan: Any) -> float:
@@ -40,50 +34,34 @@ def plain_value(problem: SAP, plan: Any) -> float:
         raise ValueError(f"the plan must be integers of shape {(problem.T, problem.n)}, got {tasks.shape}")
     if tasks.min() < 0 or tasks.max() >= problem.m:
         raise ValueError(f"the plan holds a task outside 0..{problem.m - 1}")
-    agents = np.arange(problem.n)
-    if type(problem.dynamics) is Battery:
-        for k in range(problem.T):
-            _check_step(tasks, k)
-        worth = plain_terms(problem, tasks)
-        if not np.isfinite(worth).all():
-            raise ValueError(
-                f"the plan uses a forbidden pair at step {np.argwhere(~np.isfinite(worth))[0][0]}"
-            )
-        return math.fsum(worth.ravel().tolist())
-    terms: list[float] = []
-    state = problem.initial_state()
     for k in range(problem.T):
         _check_step(tasks, k)
-        benefit = dense_step(problem.benefits.step(k))[agents, tasks[k]]
-        if type(problem.dynamics) is SwitchingCost:
-            eta = -_charges(problem.dynamics, state, tasks[k], benefit)
-        else:
-            eta = problem.handover(k, state)[agents, tasks[k]]
-            if hasattr(problem.model, "interaction"):
-                eta = eta + problem.model.interaction(k, tasks[k])
-        if not np.isfinite(benefit + eta).all():
-            raise ValueError(f"the plan uses a forbidden pair at step {k}")
-        terms += (benefit + eta).tolist()
+    plain = problem.model.plain(problem)
+    worth = _terms(problem, tasks) if plain is None else plain.terms(tasks)
+    if not np.isfinite(worth).all():
+        raise ValueError(f"the plan uses a forbidden pair at step {np.argwhere(~np.isfinite(worth))[0][0]}")
+    return math.fsum(worth.ravel().tolist())
+
+
+def _terms(problem: SAP, tasks: IntArray) -> FloatArray:
+    """Benefit plus handover (T, n) of every pair, from the matrices of a dynamics that has no plainer form."""
+    terms = np.full(tasks.shape, -np.inf)
+    agents, model = np.arange(problem.n), problem.model
+    state = problem.initial_state()
+    for k in range(problem.T):
+        eta = problem.handover(k, state)[agents, tasks[k]]
+        if model.interacts:
+            eta = eta + model.interaction(k, tasks[k])
+        terms[k] = dense_step(problem.benefits.step(k))[agents, tasks[k]] + eta
+        if not np.isfinite(terms[k]).all():
+            break
         state = problem.transition(k, state, tasks[k].astype(np.int64))
-    return math.fsum(terms)
+    return terms
 
 
 def _check_step(tasks: IntArray, k: int) -> None:
     if len(set(tasks[k].tolist())) < tasks.shape[1]:
         raise ValueError(f"the plan gives one task to two agents at step {k}")
-
-
-def _charges(
-    dynamics: SwitchingCost, held: IntArray | None, tasks: IntArray, benefit: FloatArray
-) -> FloatArray:
-    """What every agent pays for its move: the cost if it changes task (and gains by the new one, if idling is free)."""
-    if held is None:
-        return np.zeros(len(tasks))
-    if dynamics.is_uniform:
-        charge = np.where(tasks != held, float(dynamics.cost), 0.0)
-    else:
-        charge = np.asarray(dynamics.cost)[held, tasks]
-    return np.where(benefit > 0, charge, 0.0) if dynamics.idle_is_free else charge
 
 
 def plain_bound(problem: SAP, prices: Any) -> float:
@@ -106,13 +84,11 @@ def plain_bound(problem: SAP, prices: Any) -> float:
         raise ValueError(f"prices must have shape (T, m) = {(problem.T, problem.m)}, got {mu.shape}")
     if not np.isfinite(mu).all() or (mu < 0).any():
         raise ValueError("prices must be finite and not negative")
-    if type(problem.dynamics) is SwitchingCost:
-        values = np.concatenate([_best_paths(problem, mu, block) for block in _blocks(problem)])
-        charge = float(np.max(problem.dynamics.cost))
-    elif type(problem.dynamics) is Battery:
-        values, charge = plain_paths(problem, mu), problem.dynamics.cost
-    else:
+    plain = problem.model.plain(problem)
+    if plain is None:
         values, charge = _local_values(problem, mu)
+    else:
+        values, charge = plain.path_values(mu), plain.largest_charge
     total = math.fsum(values.tolist()) + math.fsum(mu.ravel().tolist())
     # A path's value is the result of at most 4 T + 4 roundings of numbers no larger than `size`.
     size = charge * problem.T
@@ -127,19 +103,17 @@ def plain_bound(problem: SAP, prices: Any) -> float:
 
 def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:
     """Path values by the plain dynamic programme over declared local states."""
-    if hasattr(problem.model, "local_model"):
-        model = problem.model.local_model(problem.benefits, problem.initial_state())
-        oracle = LocalOracle(problem.benefits, model)
-    elif hasattr(problem.model, "path_oracle"):
-        oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
-    else:
-        raise ValueError(
-            f"dynamics: {type(problem.dynamics).__name__} is not agent-local, so prices prove nothing"
-        )
+    model = problem.model
+    if not model.is_agent_local:
+        raise ValueError(f"dynamics: {problem.model.called} is not agent-local, so prices prove nothing")
+    states = model.local_model(problem.benefits, problem.initial_state())
+    oracle = (
+        model.path_oracle(problem.benefits, problem.initial_state())
+        if states is None
+        else LocalOracle(problem.benefits, states)
+    )
     if not isinstance(oracle, LocalOracle):
-        raise ValueError(
-            f"dynamics: {type(problem.dynamics).__name__} has no plain path recursion to verify with"
-        )
+        raise ValueError(f"dynamics: {problem.model.called} has no plain path recursion to verify with")
     values, _ = oracle.best_paths(mu)
     return values, float(np.abs(values).max(initial=0.0))
 
@@ -156,7 +130,9 @@ def check_local_model(problem: SAP, plan: IntArray) -> None:
     """
     state, agents = problem.initial_state(), np.arange(problem.n)
     model = problem.model.local_model(problem.benefits, state)
-    local = [model.start(i) for i in agents]
+    if model is None:
+        return
+    local = [model.start(int(i)) for i in agents]
     for k in range(problem.T):
         benefit = dense_step(problem.benefits.step(k))
         eta = problem.handover(k, state)
@@ -170,49 +146,3 @@ def check_local_model(problem: SAP, plan: IntArray) -> None:
                 )
             local[i] = int(successor[local[i], plan[k, i]])
         state = problem.transition(k, state, np.asarray(plan[k], dtype=np.int64))
-
-
-def _blocks(problem: SAP) -> Iterator[IntArray]:
-    """Groups of agents whose arrays stay small."""
-    width = problem.m if problem.dynamics.is_uniform else problem.m**2
-    size = max(1, _BLOCK // width)
-    for first in range(0, problem.n, size):
-        yield np.arange(first, min(first + size, problem.n))
-
-
-def _best_paths(problem: SAP, mu: FloatArray, agents: IntArray) -> FloatArray:
-    """Value of each agent's best path under the prices: the maximum over all sequences of tasks, by recursion.
-
-    ``best[i, j]`` is the value of the best path of agent i up to step k that ends on task j.
-    """
-    dynamics: SwitchingCost = problem.dynamics
-    best = np.empty(0)
-    for k in range(problem.T):
-        step = problem.benefits.step(k)
-        benefit = step[agents] if isinstance(step, np.ndarray) else step[agents].toarray()
-        if k == 0:
-            arrive = -_first_charges(problem, benefit, agents)
-        elif dynamics.is_uniform:
-            free = best.max(axis=1, keepdims=True)
-            paid = free - float(dynamics.cost)
-            arrive = np.maximum(best, np.where(benefit > 0, paid, free) if dynamics.idle_is_free else paid)
-        else:
-            paid = (best[:, :, None] - np.asarray(dynamics.cost)[None]).max(axis=1)
-            free = best.max(axis=1, keepdims=True)
-            arrive = np.where(benefit > 0, paid, free) if dynamics.idle_is_free else paid
-        best = arrive + (benefit - mu[k])
-    return np.asarray(best.max(axis=1))
-
-
-def _first_charges(problem: SAP, benefit: FloatArray, agents: IntArray) -> FloatArray:
-    """Charge of every agent for every task at the first step."""
-    if problem.initial_assignment is None:
-        return np.zeros_like(benefit)
-    dynamics: SwitchingCost = problem.dynamics
-    held = problem.initial_assignment[agents]
-    if dynamics.is_uniform:
-        charge = np.full_like(benefit, float(dynamics.cost))
-        charge[np.arange(len(agents)), held] = 0.0
-    else:
-        charge = np.asarray(dynamics.cost)[held]
-    return np.where(benefit > 0, charge, 0.0) if dynamics.idle_is_free else charge

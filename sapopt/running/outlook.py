@@ -15,6 +15,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import Matrix
 from sapopt.data.types import IntArray
 from sapopt.data.windows import WindowSums
+from sapopt.dynamics.base import Model
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Expired, Run
@@ -62,8 +63,8 @@ class Outlook:
     check: Callable[[], None] = _never
 
     @property
-    def model(self) -> Any:
-        """The dynamics."""
+    def model(self) -> Model:
+        """The dynamics, as the solvers see it."""
         return self.problem.model
 
     def benefits(self, steps: int) -> Benefits:
@@ -72,11 +73,7 @@ class Outlook:
 
     def interval(self, start: int, stop: int, state: Any) -> Matrix:
         """Benefit of holding one assignment over ``start .. stop - 1``, entered in `state`."""
-        model = self.problem.model
-        if hasattr(model, "interval"):
-            matrix: Matrix = model.interval(self.windows, start, stop, state)
-            return matrix
-        return self.windows.dense(start, stop) + self.problem.handover(start, state)
+        return self.problem.model.interval(self.windows, start, stop, state)
 
     def beta_hat(self) -> Matrix:
         """State-dependent benefits of the current step."""
@@ -192,19 +189,15 @@ def _forecast_windows(forecast: Forecast, problem: SAP, k: int) -> WindowSums:
 
 def _step_value(problem: SAP, k: int, state: Any, tasks: IntArray) -> float:
     held = problem.benefits.slice(k, k + 1).at(tasks[None])[0]
-    quick = getattr(problem.model, "handover_at", None)
-    if quick is not None:
-        return float(held.sum() + quick(k, state, tasks).sum())
-    return float(held.sum() + problem.handover(k, state)[np.arange(problem.n), tasks].sum())
+    return float(held.sum() + problem.model.handover_at(k, state, tasks).sum())
 
 
 def _hold(problem: SAP, plan: IntArray, first: int, state: Any) -> None:
     """Fill the steps from `first` on at no cost of thought."""
     order = np.arange(problem.m)
-    forbids = problem.benefits.forbids() or not hasattr(problem.model, "handover_at")
     previous = plan[first - 1] if first else problem.initial_assignment
     for k in range(first, problem.T):
-        if previous is None or (forbids and not np.isfinite(_step_value(problem, k, state, previous))):
+        if previous is None or not np.isfinite(_step_value(problem, k, state, previous)):
             windows = WindowSums(problem.benefits.slice(k, k + 1), first=k)
             outlook = Outlook(k, k + 1, state, problem, windows, order)
             previous = outlook.assign(outlook.beta_hat())

@@ -53,7 +53,10 @@ class ChargeValue:
     def __call__(self, problem: SAP, left: int) -> FloatArray:
         """Value of every level of the problem's batteries, `left` steps before the end."""
         row = self.table[min(left, len(self.table) - 1)]
-        levels = problem.model.units.capacity + 1
+        batteries = problem.model.batteries()
+        if batteries is None:
+            raise ValueError(f"problem: {problem.model.called} has no charge to value")
+        levels = batteries.units.capacity + 1
         return np.asarray(np.interp(np.linspace(0, 1, levels), np.linspace(0, 1, len(row)), row))
 
     @classmethod
@@ -76,13 +79,14 @@ class ChargeValue:
 
         if not problems:
             raise ValueError("problems: at least one episode is needed")
-        total = 0.0
+        total: FloatArray | float = 0.0
         for problem in problems:
-            if not hasattr(problem.model, "charge_of"):
-                raise ValueError(f"problems: {type(problem.dynamics).__name__} has no charge to value")
+            batteries = problem.model.batteries()
+            if batteries is None:
+                raise ValueError(f"problems: {problem.model.called} has no charge to value")
             if problem.T != problems[0].T:
                 raise ValueError("problems: all must have the same number of steps")
-            oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+            oracle = batteries.path_oracle(problem.benefits, problem.initial_state())
             prices = ascend(oracle, max_iterations=iterations).prices
             total = total + oracle.mean_values(prices) / len(problems)
         return cls(np.asarray(total)[::-1], f"duals of {len(problems)} episodes of {problems[0].T} steps")

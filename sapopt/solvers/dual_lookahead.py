@@ -20,7 +20,6 @@ from sapopt.dynamics.paths.oracles import (
     FirstValueOracle,
     PathOracle,
     SoftPathOracle,
-    is_agent_local,
     path_oracle,
 )
 from sapopt.formulations.dual.lagrangian import lowered
@@ -83,26 +82,26 @@ class DualLookahead:
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | None:
         """No prices yet."""
-        if not is_agent_local(problem.model):
+        if not problem.model.is_agent_local:
             raise ValueError(
-                f"DualLookahead needs an agent-local dynamics; {type(problem.dynamics).__name__} has "
+                f"DualLookahead needs an agent-local dynamics; {problem.model.called} has "
                 "neither path_oracle nor local_model"
             )
-        if self.end_value is not None and not hasattr(problem.model, "charge_of"):
-            raise ValueError(
-                f"end_value is for batteries; {type(problem.dynamics).__name__} has no charge to value"
-            )
+        if self.end_value is not None and problem.model.batteries() is None:
+            raise ValueError(f"end_value is for batteries; {problem.model.called} has no charge to value")
         return None
 
     def act(self, outlook: Outlook, memory: FloatArray | None) -> tuple[IntArray, FloatArray | None]:
         """Prices of the window, then one assignment problem."""
         benefits = outlook.benefits(self.window)
         left = outlook.problem.T - outlook.k - benefits.shape[0]
-        if self.end_value is None:
+        batteries = outlook.model.batteries()
+        oracle: PathOracle
+        if self.end_value is None or batteries is None:
             oracle = path_oracle(outlook.model, benefits, outlook.state, goes_on=left > 0)
         else:
             end = self.end_value(outlook.problem, left)
-            oracle = outlook.model.path_oracle(benefits, outlook.state, end)
+            oracle = batteries.path_oracle(benefits, outlook.state, end)
         if not values_first_tasks(oracle):
             raise ValueError(
                 f"DualLookahead: the path oracle of {type(outlook.problem.dynamics).__name__} has no first_values"

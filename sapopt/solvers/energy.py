@@ -9,7 +9,6 @@ import numpy as np
 from sapopt.data.benefits import dense_step
 from sapopt.data.matrices import GainMatrix, Matrix
 from sapopt.data.types import FloatArray
-from sapopt.dynamics.battery.model import Battery, BatteryState
 from sapopt.running.outlook import Outlook
 
 
@@ -32,25 +31,26 @@ def priced_work(outlook: Outlook, price: Callable[[FloatArray], FloatArray]) -> 
     ValueError
         If the dynamics is not a `Battery`.
     """
-    model = outlook.model
-    if not isinstance(model, Battery):
+    state, batteries = outlook.state, outlook.model.batteries()
+    if batteries is None:
         raise ValueError(
-            f"the dynamics must be a Battery, not {type(model).__name__}; without charge there is no energy to price"
+            f"the dynamics must be a Battery, not {outlook.model.called}; without charge there is "
+            "no energy to price"
         )
-    state: BatteryState = outlook.state
-    toll = price(state.levels / model.units.capacity)
-    toll = np.where(state.levels <= model.units.drain, np.inf, toll)  # of the living, see `works`
+    levels, units = batteries.levels_of(state), batteries.units
+    toll = price(levels / units.capacity)
+    toll = np.where(levels <= units.drain, np.inf, toll)  # of the living, see `works`
     benefit = outlook.benefits(1).step(0)
     if isinstance(benefit, np.ndarray):
-        works = (benefit > 0) & (state.levels > 0)[:, None]
+        works = (benefit > 0) & (levels > 0)[:, None]
         hat: FloatArray = dense_step(outlook.beta_hat())
         return np.where(works, hat - toll[:, None], hat)
     from sapopt.kernels.windows import window_gains
 
     n, m = benefit.shape
     agents = np.repeat(np.arange(n), np.diff(benefit.indptr))
-    moves = (benefit.indices != model.serving(state)[agents]) & (state.held is not None)
-    worth = np.where(state.levels[agents] > 0, benefit.data - model.cost * moves - toll[agents], 0.0)
+    moves = (benefit.indices != batteries.serving(state)[agents]) & (not batteries.is_first(state))
+    worth = np.where(levels[agents] > 0, benefit.data - batteries.cost * moves - toll[agents], 0.0)
     gains = np.where(benefit.data > 0, worth, benefit.data)
     negative = bool(gains.min(initial=0.0) < 0)
     row_start, tasks, gains = window_gains(

@@ -169,15 +169,14 @@ class _Search:
         self.memory = memory
         self.order = order
         self.stop = stop
-        self.key = getattr(outlook.model, "key", None)
         self.known: dict[tuple[int, Any], tuple[IntArray | None, float]] = {}
 
     def best(self, start: int, state: Any) -> tuple[IntArray | None, float]:
         """First assignment and value of the best sequence over ``start .. stop - 1`` from `state`."""
         if start == self.stop:
             return None, 0.0
-        fingerprint = self.key(state) if self.key is not None else None
-        if fingerprint is not None and (start, fingerprint) in self.known:
+        fingerprint = self.outlook.model.key(state)
+        if (start, fingerprint) in self.known:
             return self.known[start, fingerprint]
         first: IntArray | None = None
         top = -np.inf
@@ -193,8 +192,7 @@ class _Search:
                 continue
             if first is None or total > top + _TIE * abs(top):
                 first, top = tasks, total
-        if fingerprint is not None:
-            self.known[start, fingerprint] = first, top
+        self.known[start, fingerprint] = first, top
         return first, top
 
     def continued(self, plan: list[IntArray]) -> tuple[list[IntArray], float]:
@@ -225,7 +223,7 @@ class _Search:
             if first is None:
                 break
             for cut in range(start + 1, self.stop + 1):
-                fingerprint = self.key(state) if self.key is not None else None
+                fingerprint = self.outlook.model.key(state)
                 tasks, value = self._interval(start, cut, state, fingerprint)
                 if value == -np.inf or not np.array_equal(tasks, first):
                     continue
@@ -240,10 +238,9 @@ class _Search:
 
     def _interval(self, start: int, stop: int, state: Any, fingerprint: Any) -> tuple[IntArray, float]:
         """Best single assignment for the steps ``start .. stop - 1``; value -inf if there is none."""
-        if fingerprint is not None:
-            known = self.memory.solved.get((start, stop, fingerprint))
-            if known is not None:
-                return known
+        known = self.memory.solved.get((start, stop, fingerprint))
+        if known is not None:
+            return known
         self.outlook.check()
         self.memory.assignment_problems += 1
         try:
@@ -251,8 +248,7 @@ class _Search:
             solved = found.tasks, found.value
         except InfeasibleError:
             solved = np.empty(0, dtype=np.int64), -np.inf
-        if fingerprint is not None:
-            self.memory.solved[start, stop, fingerprint] = solved
+        self.memory.solved[start, stop, fingerprint] = solved
         return solved
 
 

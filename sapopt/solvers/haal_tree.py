@@ -9,7 +9,6 @@ import numpy as np
 
 from sapopt.data.types import IntArray
 from sapopt.data.windows import WindowSums
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.running.outlook import Outlook
 
 _MOST_BYTES = 512 * 2**20  # for states
@@ -30,7 +29,7 @@ class CompiledTree:
         Most steps of a search.
     cost : float
     idle_is_free : bool
-        As in `SwitchingCost`.
+        As in `sapopt.dynamics.SwitchingCost`.
     """
 
     def __init__(self, sums: WindowSums, lookahead: int, cost: float, idle_is_free: bool) -> None:
@@ -61,13 +60,13 @@ class CompiledTree:
     @classmethod
     def of(cls, outlook: Outlook, lookahead: int) -> CompiledTree | None:
         """The tree for a problem, None if it is not of this kind or too large."""
-        model, sums = outlook.model, outlook.windows
-        if type(model) is not SwitchingCost or not model.is_uniform or not sums.is_sparse:
+        rule, sums = outlook.model.switching(), outlook.windows
+        if rule is None or rule.uniform_cost is None or not sums.is_sparse:
             return None
         lookahead = min(lookahead, outlook.end - outlook.k)
         if (lookahead + 1) * 2**lookahead * sums.n * 4 > _MOST_BYTES:
             return None
-        return cls(sums, lookahead, float(model.cost), model.idle_is_free)
+        return cls(sums, lookahead, rule.uniform_cost, rule.idle_is_free)
 
     def best(self, outlook: Outlook, order: IntArray) -> tuple[IntArray | None, int]:
         """First assignment of the best sequence and the number of intervals solved for it.

@@ -8,7 +8,6 @@ import numpy as np
 
 from sapopt.data.matrices import GainMatrix, checked_matrix
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.joint.interference import Interacting
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
@@ -58,10 +57,10 @@ class IteratedAssignment:
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> None:
         """Nothing to remember."""
-        if not isinstance(problem.model, Interacting):
+        if not problem.model.interacts:
             raise ValueError(
                 f"IteratedAssignment is for benefits that depend on the other assignments, such as Interference; "
-                f"{type(problem.dynamics).__name__} has no interaction, so take HAA or AssignmentPolicy"
+                f"{problem.model.called} has no interaction, so take HAA or AssignmentPolicy"
             )
         return None
 

@@ -111,8 +111,4 @@ class RolloutPolicy:
 def _value(outlook: Outlook, tasks: IntArray) -> float:
     """What an assignment earns at the outlook's step, by the benefits known or forecast."""
     held = outlook.benefits(1).at(tasks[None])[0]
-    quick = getattr(outlook.model, "handover_at", None)
-    if quick is not None:
-        return float((held + quick(outlook.k, outlook.state, tasks)).sum())
-    handover = outlook.problem.handover(outlook.k, outlook.state)
-    return float((held + handover[np.arange(len(tasks)), tasks]).sum())
+    return float((held + outlook.model.handover_at(outlook.k, outlook.state, tasks)).sum())

@@ -13,8 +13,8 @@ from strategies import Instance
 
 from sapopt import SAP, Benefits
 from sapopt.dynamics.paths.oracles import LocalOracle
+from sapopt.dynamics.switching.states import SwitchingStates
 from sapopt.formulations.dual import ascend, dual_value, rigorous_bound
-from sapopt.formulations.local import SwitchingStates
 
 RULES = ("strict", "idle is free", "matrix", "matrix, idle is free")
 

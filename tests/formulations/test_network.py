@@ -10,6 +10,7 @@ import pytest
 from local_dynamics import Dictator, Tiring
 
 from sapopt import SAP, SwitchingCost
+from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations import network
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.highs import Ending, SolverError, maximise
@@ -60,8 +61,8 @@ def test_oracle_is_the_dynamics(problem: SAP) -> None:
     # some arc of every agent lies on a best path, and none on a better one
     for i in range(problem.n):
         assert through[1][net.agent == i].max() == pytest.approx(values[i], abs=1e-12)
-    if hasattr(problem.model, "path_oracle"):
-        oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    if problem.model.is_agent_local:
+        oracle = path_oracle(problem.model, problem.benefits, problem.initial_state())
         np.testing.assert_allclose(values, oracle.best_paths(prices)[0], atol=1e-12)
     for i in range(problem.n):
         assert mine.best_path(i, prices)[0] == pytest.approx(values[i])

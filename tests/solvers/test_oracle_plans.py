@@ -8,7 +8,7 @@ from rule_problems import riding, slewing
 
 from sapopt import SAP, solve
 from sapopt.data.windows import WindowSums
-from sapopt.dynamics.paths import arcs_build
+from sapopt.dynamics.rules import arcs_build
 from sapopt.running.outlook import Outlook
 from sapopt.solvers import HAA
 from sapopt.solvers.dual_decomposition.oracle_plans import plan_by_first_values

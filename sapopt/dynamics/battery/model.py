@@ -6,19 +6,20 @@ import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray, real_array
+from sapopt.dynamics.base import Model, Setting, Units
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
     from sapopt.data.windows import WindowSums
-    from sapopt.dynamics.base import Setting
     from sapopt.dynamics.battery.paths import BatteryPaths
+    from sapopt.dynamics.battery.plain import PlainBattery
     from sapopt.dynamics.battery.states import BatteryStates
 
 PayFor = Literal["moves", "entries"]
@@ -46,17 +47,8 @@ class BatteryState:
     working: NDArray[np.bool_]
 
 
-class Units(NamedTuple):
-    """Drain, charge and capacity in whole multiples of one `unit` of charge."""
-
-    unit: Fraction
-    drain: int
-    charge: int
-    capacity: int
-
-
 @dataclass(frozen=True, eq=False)
-class Battery:
+class Battery(Model):
     """Agents with batteries (thesis, section 6.4).
 
     An agent *works* at a step where it holds a task of positive benefit. Work takes `drain` from its charge, any other
@@ -93,7 +85,7 @@ class Battery:
     2.0
     """
 
-    handover_limit: ClassVar[float] = 0.0
+    handover_limit = 0.0
     """Largest entry that the handover matrix can have."""
 
     cost: float
@@ -250,6 +242,24 @@ class Battery:
         from sapopt.dynamics.battery.states import BatteryStates
 
         return BatteryStates(self, benefits.shape[2], state)
+
+    def batteries(self) -> Battery:
+        """The agents' batteries: these."""
+        return self
+
+    def levels_of(self, state: BatteryState) -> IntArray:
+        """Whole levels of charge of every agent, shape ``(n,)``; 0 is dead."""
+        return state.levels
+
+    def is_first(self, state: BatteryState) -> bool:
+        """Whether nothing is held yet, so that the step pays no handover."""
+        return state.held is None
+
+    def plain(self, problem: Setting) -> PlainBattery:
+        """The rule once more, for verifying."""
+        from sapopt.dynamics.battery.plain import PlainBattery
+
+        return PlainBattery(self, problem)
 
     def _handover(self, benefit: FloatArray, state: BatteryState) -> FloatArray:
         eta = np.zeros(benefit.shape)

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.benefits import Benefits, StepMatrix, dense_step
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.dynamics.base import Entering, Model, Setting
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
     from sapopt.data.windows import WindowSums
-    from sapopt.dynamics.base import Setting
+    from sapopt.dynamics.copies.paths import SyntheticPaths
 
 Held = IntArray | None
 """State: the real task that every agent held, -1 for none that counts; None before a first step that pays nothing."""
 
 
 @dataclass(frozen=True, eq=False)
-class SyntheticSwitching:
+class SyntheticSwitching(Model):
     """Charge an agent for a task unless its real agent held the same real task at the step before.
 
     Agent i is a copy of the real agent ``agent_of[i]``, task j one of the real task ``task_of[j]``. A pair pays
@@ -56,7 +57,7 @@ class SyntheticSwitching:
     With copies of agents it is local to the real agents only; see `sapopt.formulations.synthetic` for bounds.
     """
 
-    handover_limit: ClassVar[float] = 0.0
+    handover_limit = 0.0
     """Largest entry that the handover matrix can have."""
 
     cost: float = 0.0
@@ -101,10 +102,8 @@ class SyntheticSwitching:
                 raise ValueError(f"{name} has {len(labels)} labels, but the benefits have {count} {what}")
 
     def bind(self, benefits: Benefits) -> SyntheticSwitching:
-        """A copy that knows the benefits; agent-local where no agent has copies."""
-        alone = self.agent_of is None or len(np.unique(self.agent_of)) == len(self.agent_of)
-        known = {item.name: getattr(self, item.name) for item in fields(self)}
-        return (AgentLocalSwitching if alone else SyntheticSwitching)(**known | {"benefits": benefits})
+        """A copy that knows the benefits."""
+        return replace(self, benefits=benefits)
 
     def initial_state(self, problem: Setting) -> Held:
         """Real tasks of the initial assignment, or None."""
@@ -152,6 +151,29 @@ class SyntheticSwitching:
                 )
         first = windows.slice(start, start + 1).step(0)
         return windows.dense(start, stop) + self._dense_handover(first, state)
+
+    @property
+    def is_agent_local(self) -> bool:
+        """Whether no agent has copies: each one's state is its own."""
+        return self.agent_of is None or len(np.unique(self.agent_of)) == len(self.agent_of)
+
+    def path_oracle(self, benefits: Benefits, state: Held) -> SyntheticPaths | None:
+        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`), if they have no copies."""
+        if not self.is_agent_local:
+            return None
+        from sapopt.dynamics.copies.paths import SyntheticPaths
+
+        return SyntheticPaths(benefits, self, state)
+
+    def local_model(self, benefits: Benefits, state: Held) -> SyntheticStates | None:
+        """The same in plain words (`sapopt.dynamics.paths.oracles.LocalModel`)."""
+        return SyntheticStates(self, int(benefits.shape[2]), state) if self.is_agent_local else None
+
+    def entering(self) -> Entering | None:
+        """The parameters, if there are no copies."""
+        if self.agent_of is not None or self.task_of is not None:
+            return None
+        return Entering(self.cost, self.forfeit, self.idle_is_free, self.needs_sight)
 
     def real_agents(self, n: int) -> IntArray:
         """Real agent of every one of n agents."""
@@ -204,20 +226,6 @@ class SyntheticSwitching:
                 "this SyntheticSwitching belongs to no problem yet; ask problem.handover(k, state)"
             )
         return self.benefits
-
-
-class AgentLocalSwitching(SyntheticSwitching):
-    """A bound `SyntheticSwitching` whose agents have no copies: each one's state is its own."""
-
-    def path_oracle(self, benefits: Any, state: Held) -> Any:
-        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`)."""
-        from sapopt.dynamics.copies.paths import SyntheticPaths
-
-        return SyntheticPaths(benefits, self, state)
-
-    def local_model(self, benefits: Any, state: Held) -> SyntheticStates:
-        """The same in plain words (`sapopt.dynamics.paths.oracles.LocalModel`)."""
-        return SyntheticStates(self, int(benefits.shape[2]), state)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
-
-if TYPE_CHECKING:
-    from sapopt.dynamics.base import Setting
+from sapopt.dynamics.base import Model, Setting
 
 
 @dataclass(frozen=True, eq=False)
-class Dictator:
+class Dictator(Model):
     """The task that one agent holds decides the next state, and the state decides what all agents' tasks are worth.
 
     Parameters
@@ -66,7 +63,7 @@ class Dictator:
         return f"Dictator(states={len(self.values)}, leader={self.leader}, start={self.start})"
 
     @property
-    def handover_limit(self) -> float:
+    def handover_limit(self) -> float:  # type: ignore[override]  # a property is a number too
         """Largest entry that the handover matrix can have."""
         return float(self.values.max())
 

@@ -4,44 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.benefits import Benefits
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.dynamics.base import Model, Setting
 from sapopt.dynamics.switching.model import Held, SwitchingCost
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
     from sapopt.data.windows import WindowSums
-    from sapopt.dynamics.base import Setting
-
-
-@runtime_checkable
-class Interacting(Protocol):
-    """A dynamics whose value of a step is not the sum of the entries of beta_hat.
-
-    Its ``handover_at`` contains the interaction, so every plan is scored with it; ``handover`` cannot, and whoever
-    reads only the matrix is blind to it.
-    """
-
-    def interaction(self, k: int, assignments: IntArray) -> FloatArray:
-        """What every agent gains (here: loses, negative) by the whole assignment at step k.
-
-        `assignments` has shape (..., n), and so has the answer.
-        """
-
-    def marginal(self, k: int, activity: FloatArray) -> FloatArray:
-        """Interaction (n, m) of every pair if task j is otherwise served with ``activity[i, j]`` by the agents but i.
-
-        The sum over the pairs of an assignment counts every interaction twice, as a linearisation must.
-        """
 
 
 @dataclass(frozen=True, eq=False)
-class Interference:
+class Interference(Model):
     """Pairs of tasks cost a loss when both are served at the same step, on top of a switching cost.
 
     A task is served where an agent of positive benefit holds it. The value of a step is
@@ -72,7 +51,7 @@ class Interference:
     which is valid since they only lower the value.
     """
 
-    handover_limit: ClassVar[float] = 0.0
+    handover_limit = 0.0
     """Largest entry that the handover matrix can have."""
 
     pairs: IntArray
@@ -136,6 +115,11 @@ class Interference:
     def interval(self, windows: WindowSums, start: int, stop: int, state: Held) -> Matrix:
         """Interval matrix of the switching cost, without the interference."""
         return self._switching.interval(windows, start, stop, state)
+
+    @property
+    def interacts(self) -> bool:
+        """Always."""
+        return True
 
     def interaction(self, k: int, assignments: IntArray) -> FloatArray:
         """Minus half the losses of every agent's task, shape of `assignments` (..., n)."""

@@ -20,6 +20,9 @@ from sapopt.data.types import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
 
+IDLE = -1
+"""Stands for every task that is worth nothing to the agent at the step."""
+
 
 @runtime_checkable
 class PathOracle(Protocol):
@@ -119,17 +122,37 @@ class LocalModel(Protocol):
         """
 
 
-def is_agent_local(model: Any) -> bool:
-    """Whether a dynamics offers paths of its agents, one way or the other."""
-    return hasattr(model, "path_oracle") or hasattr(model, "local_model")
+@runtime_checkable
+class ChargePathOracle(PathOracle, Protocol):
+    """An oracle of agents on batteries."""
+
+    def mean_values(self, prices: FloatArray) -> FloatArray:
+        """What each level is worth before each step and after the last, (T + 1, levels + 1): mean of the agents."""
 
 
-def path_oracle(model: Any, benefits: Any, state: Any, *, goes_on: bool = False) -> PathOracle:
+class HasPaths(Protocol):
+    """The part of a `sapopt.dynamics.base.Model` that tells of its agents' paths; None where it does not."""
+
+    @property
+    def called(self) -> str:
+        """Name for messages."""
+
+    def path_oracle(self, benefits: Any, state: Any) -> PathOracle | None:
+        """The agents' longest priced paths over a window."""
+
+    def window_oracle(self, benefits: Any, state: Any) -> PathOracle | None:
+        """The same where the problem goes on."""
+
+    def local_model(self, benefits: Any, state: Any) -> LocalModel | None:
+        """The agents' finite states."""
+
+
+def path_oracle(model: HasPaths, benefits: Any, state: Any, *, goes_on: bool = False) -> PathOracle:
     """The longest priced paths of a dynamics' agents over a window.
 
     Parameters
     ----------
-    model : Dynamics
+    model : Model
     benefits : Benefits
         Those of the window.
     state : object
@@ -143,16 +166,16 @@ def path_oracle(model: Any, benefits: Any, state: Any, *, goes_on: bool = False)
     ValueError
         If the dynamics is not agent-local.
     """
-    if goes_on and hasattr(model, "window_oracle"):
-        made: PathOracle = model.window_oracle(benefits, state)
-    elif hasattr(model, "path_oracle"):
+    made = model.window_oracle(benefits, state) if goes_on else None
+    if made is None:
         made = model.path_oracle(benefits, state)
-    elif hasattr(model, "local_model"):
-        made = compiled(benefits, model.local_model(benefits, state))
-    else:
-        raise ValueError(
-            f"dynamics: {type(model).__name__} is not agent-local: it has neither path_oracle nor local_model"
-        )
+    if made is None:
+        states = model.local_model(benefits, state)
+        if states is None:
+            raise ValueError(
+                f"dynamics: {model.called} is not agent-local: it has neither path_oracle nor local_model"
+            )
+        made = compiled(benefits, states)
     return made
 
 
@@ -181,12 +204,12 @@ class LocalOracle:
     benefits : (T, n, m) float array, or anything with `shape` and `step(k)`
         Static benefits of the window.
     model : LocalModel
-        The agents' finite states.
+        The agents' finite states; kept as an attribute.
     """
 
     def __init__(self, benefits: Any, model: LocalModel) -> None:
         self._benefits = benefits
-        self._model = model
+        self.model = model
         T, n, m = benefits.shape
         self._shape = int(T), int(n), int(m)
 
@@ -196,8 +219,8 @@ class LocalOracle:
         return self._shape
 
     def _benefit(self, k: int, agent: int) -> FloatArray:
-        step = self._benefits.step(k) if hasattr(self._benefits, "step") else self._benefits[k]
-        row = step[[agent]].toarray()[0] if hasattr(step, "toarray") else step[agent]
+        step = self._benefits[k] if isinstance(self._benefits, np.ndarray) else self._benefits.step(k)
+        row = step[agent] if isinstance(step, np.ndarray) else step[[agent]].toarray()[0]
         return np.asarray(row, dtype=np.float64)
 
     def first_values(self, prices: FloatArray) -> FloatArray:
@@ -207,31 +230,31 @@ class LocalOracle:
         later[0] = 0.0
         values = np.empty((n, m))
         for i in range(n):
-            to_go = np.zeros(self._model.state_count())
+            to_go = np.zeros(self.model.state_count())
             for k in range(T - 1, -1, -1):
                 benefit = self._benefit(k, i)
-                successor, handover = self._model.step(k, i, benefit)
+                successor, handover = self.model.step(k, i, benefit)
                 total = (benefit - later[k])[None, :] + handover + to_go[successor]
                 to_go = total.max(axis=1)
-            values[i] = total[self._model.start(i)]
+            values[i] = total[self.model.start(i)]
         return values
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent under `prices` (T, m)."""
         T, _, _ = self._shape
-        S = self._model.state_count()
+        S = self.model.state_count()
         to_go = np.zeros(S)
         choice = np.empty((T, S), dtype=np.int64)
         follow = np.empty((T, S), dtype=np.int64)
         for k in range(T - 1, -1, -1):
             benefit = self._benefit(k, agent)
-            successor, handover = self._model.step(k, agent, benefit)
+            successor, handover = self.model.step(k, agent, benefit)
             total = (benefit - prices[k])[None, :] + handover + to_go[successor]
             choice[k] = total.argmax(axis=1)
             rows = np.arange(S)
             follow[k] = successor[rows, choice[k]]
             to_go = total[rows, choice[k]]
-        s = self._model.start(agent)
+        s = self.model.start(agent)
         value = float(to_go[s])
         path = np.empty(T, dtype=np.int64)
         for k in range(T):

@@ -6,24 +6,22 @@ local model that bounds are verified with, and the compiled path oracle for boun
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.base import Model, Setting
+from sapopt.dynamics.paths.oracles import IDLE
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
     from sapopt.data.windows import WindowSums
-    from sapopt.dynamics.base import Setting
     from sapopt.dynamics.paths.arcs import ArcPaths
-
-IDLE = -1
-"""Stands for every task that is worth nothing to the agent at the step."""
 
 
 class LocalStates(NamedTuple):
@@ -42,7 +40,7 @@ class LocalStates(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class AgentLocal(ABC):
+class AgentLocal(Model):
     """Base of dynamics whose state splits into one whole number per agent; a subclass writes `start` and `rule`.
 
     Attributes
@@ -51,11 +49,14 @@ class AgentLocal(ABC):
         Those of the problem, put in by the problem itself.
     agents_alike : bool
         Class attribute: the rule does not look at `agent`. If all agents also have equal benefits, they share their
-        path recursions, and a bound costs hardly more than that of a single agent.
+        path recursions, and a bound costs hardly more than that of a single agent. It counts for the `rule` of the
+        class that says so, and no longer where a subclass has another.
     """
 
     benefits: Benefits | None = field(default=None, repr=False, kw_only=True)
     agents_alike = False
+    extended_by: ClassVar[frozenset[str]] = frozenset({"start", "rule", "agents_alike"})
+    """All that is said here is derived by calling these."""
 
     @abstractmethod
     def start(self, problem: Setting) -> IntArray:
@@ -147,10 +148,11 @@ class AgentLocal(ABC):
 
     def path_oracle(self, benefits: Benefits, state: LocalStates) -> ArcPaths:
         """Longest priced paths of the agents, compiled."""
+        from sapopt.dynamics.capabilities import offers
         from sapopt.dynamics.paths.arcs import ArcPaths  # compiled code: imported when it is needed
-        from sapopt.dynamics.paths.arcs_build import arc_graph
+        from sapopt.dynamics.rules.arcs_build import arc_graph
 
-        return ArcPaths(arc_graph(self, benefits, state))
+        return ArcPaths(arc_graph(self, benefits, state, self.agents_alike and offers(self, "agents_alike")))
 
     def _move(self, k: int, state: LocalStates, assignment: IntArray) -> tuple[FloatArray, IntArray]:
         benefit = self._bound().slice(k, k + 1).at(assignment[None])[0]

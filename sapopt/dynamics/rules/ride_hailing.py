@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.dynamics.base import Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal
-
-if TYPE_CHECKING:
-    from sapopt.dynamics.base import Setting
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray, real_array
+from sapopt.dynamics.base import Entering, Model, Setting, Switching
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
     from sapopt.data.windows import WindowSums
-    from sapopt.dynamics.base import Setting
+    from sapopt.dynamics.paths.oracles import PathOracle
+    from sapopt.dynamics.switching.plain import PlainSwitching
+    from sapopt.dynamics.switching.states import SwitchingStates
 
 Held = IntArray | None
 """State: the previous assignment, shape (n,); None before a first step that pays no handover."""
 
 
 @dataclass(frozen=True, eq=False)
-class SwitchingCost:
+class SwitchingCost(Model):
     """Charge every change of task (thesis, section 2.3: eta(s)_ij = -cost unless agent i held task j).
 
-    For another rule write a dynamics of your own rather than a subclass: solvers use the sparse form of this very rule.
+    A subclass that changes the rule is a rule of its own, which nothing said here is believed of: solvers then take the
+    generic way, and bounds ask for a ``local_model`` of that rule.
 
     Parameters
     ----------
@@ -39,7 +43,7 @@ class SwitchingCost:
         If a cost is negative or not finite, or the matrix is not square with a zero diagonal.
     """
 
-    handover_limit: ClassVar[float] = 0.0
+    handover_limit = 0.0
     """Largest entry that the handover matrix can have."""
 
     cost: float | FloatArray
@@ -136,26 +140,32 @@ class SwitchingCost:
         held_gain = listed_gain(*plain.arrays, state, cost)
         return GainMatrix(*plain.arrays, state, held_gain, -cost, m, plain.has_negative)
 
-    def path_oracle(self, benefits: Benefits, state: Held) -> Any:
-        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`).
-
-        Raises
-        ------
-        ValueError
-            If a subclass charges something else and has no local_model: the paths are those of this very rule.
-        """
-        from sapopt.dynamics.paths.oracles import compiled
+    def path_oracle(self, benefits: Benefits, state: Held) -> PathOracle:
+        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`)."""
         from sapopt.dynamics.switching.paths import oracle
 
-        for rule in ("handover", "handover_at", "transition"):
-            if getattr(type(self), rule) is not getattr(SwitchingCost, rule):
-                if hasattr(self, "local_model"):
-                    return compiled(benefits, self.local_model(benefits, state))
-                raise ValueError(
-                    f"dynamics: {type(self).__name__} changes {rule} of SwitchingCost, whose paths would prove a wrong "
-                    "bound for it; give it a local_model"
-                )
         return oracle(benefits, self, state)
+
+    def local_model(self, benefits: Benefits, state: Held) -> SwitchingStates:
+        """The agents' finite states in plain form (`sapopt.dynamics.paths.oracles.LocalModel`)."""
+        from sapopt.dynamics.switching.states import SwitchingStates
+
+        return SwitchingStates(self, int(benefits.shape[2]), state)
+
+    def switching(self) -> Switching:
+        """The parameters."""
+        return Switching(self.cost, self.idle_is_free)
+
+    def entering(self) -> Entering | None:
+        """The parameters, if there is one cost."""
+        cost = self.switching().uniform_cost
+        return None if cost is None else Entering(cost, idle_is_free=self.idle_is_free)
+
+    def plain(self, problem: Setting) -> PlainSwitching:
+        """The rule once more, for verifying."""
+        from sapopt.dynamics.switching.plain import PlainSwitching
+
+        return PlainSwitching(self.switching(), problem)
 
     def _dense_handover(self, windows: WindowSums, start: int, state: Held) -> FloatArray:
         if state is None:

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.base import Model
 from sapopt.dynamics.paths import oracles as local
 from sapopt.dynamics.paths.oracles import PathOracle
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.dynamics.switching.paths import StrictSwitching
 
 _ROWS = 4096
@@ -32,12 +32,12 @@ TORCH_ON_CPU = "torch-cpu"
 """Torch on the processor: for tests, the kernels are faster."""
 
 
-def path_oracle(model: Any, benefits: Any, state: Any, device: str = KERNELS) -> PathOracle:
+def path_oracle(model: Model, benefits: Any, state: Any, device: str = KERNELS) -> PathOracle:
     """The path oracle of a dynamics on a device.
 
     Parameters
     ----------
-    model : dynamics with a ``path_oracle`` or ``local_model``
+    model : Model
     benefits : Benefits or (T, n, m) float array
     state : object
         State before the window.
@@ -53,12 +53,13 @@ def path_oracle(model: Any, benefits: Any, state: Any, device: str = KERNELS) ->
     """
     if device == KERNELS:
         return local.path_oracle(model, benefits, state)
-    if type(model) is not SwitchingCost or not model.is_uniform or model.idle_is_free:
+    rule = model.switching()
+    if rule is None or rule.uniform_cost is None or rule.idle_is_free:
         raise ValueError(
             f"device {device!r}: only a SwitchingCost with one cost for every move has a torch recursion, "
             f"not {model!r}; leave device at 'cpu'"
         )
-    return TorchSwitching(benefits, float(model.cost), state, device)
+    return TorchSwitching(benefits, rule.uniform_cost, state, device)
 
 
 def torch_device(name: str) -> Any:

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.copies.model import SyntheticSwitching
+from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_agents, counts, ranks, repeated
@@ -152,7 +153,9 @@ class SyntheticAgents:
         base = self.base
         extra = self.problem.m - base.m
         initial = self.problem.initial_assignment
-        dynamics = SwitchingCost(self.problem.dynamics.cost, idle_is_free=self.problem.dynamics.idle_is_free)
+        rule = self.base.model.switching()
+        assert rule is not None
+        dynamics = SwitchingCost(rule.cost, idle_is_free=rule.idle_is_free)
         if reference is None or self.decay == 1.0:
             return SAP(copied_agents(base.benefits, self.copies, 1.0, extra), dynamics, initial), 0.0
         held = np.sort(-self._held(reference), axis=2)  # (T, n, most copies), best first
@@ -185,10 +188,10 @@ class SyntheticAgents:
         if start is None and (self.copies == count).all():
             first = np.cumsum(self.copies) - self.copies
             one = Benefits([_rows(problem.benefits.step(k), first) for k in range(problem.T)])
-            single = problem.model.bind(one).path_oracle(one, None)
+            single = path_oracle(problem.model.bind(one), one, None)
             oracle: Any = RepeatedPaths(single, count)
         else:
-            oracle = problem.model.path_oracle(problem.benefits, start)
+            oracle = path_oracle(problem.model, problem.benefits, start)
         found = ascend(oracle, time_limit=time_limit)
         value = float(found.bound) + constant
         padding = 1e-12 * max(1.0, abs(value), abs(constant))
@@ -282,8 +285,8 @@ def synthetic_agents(
     Every copy holds exactly one task, so idle tasks count as tasks: under the strict rule taking one up is charged like
     any other. An initial assignment is that of the first copies; the others start on the first idle tasks.
     """
-    dynamics = problem.dynamics
-    if not isinstance(dynamics, SwitchingCost) or not dynamics.is_uniform:
+    rule = problem.model.switching()
+    if rule is None or rule.uniform_cost is None:
         raise ValueError("problem: synthetic_agents takes a SwitchingCost of one number as dynamics")
     count = counts(copies, problem.n, "agent")
     check_decay(decay)
@@ -304,7 +307,7 @@ def synthetic_agents(
     owner = np.repeat(np.arange(problem.n), count)
     copied = SAP(
         copied_agents(problem.benefits, count, decay, extra),
-        SyntheticSwitching(float(dynamics.cost), agent_of=owner, idle_is_free=dynamics.idle_is_free),
+        SyntheticSwitching(rule.uniform_cost, agent_of=owner, idle_is_free=rule.idle_is_free),
         initial,
     )
     return SyntheticAgents(problem, copied, count, float(decay))

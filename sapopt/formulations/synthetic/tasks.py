@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from sapopt.data.benefits import Benefits
 from sapopt.data.types import IntArray, index_array
 from sapopt.dynamics.copies.model import SyntheticSwitching
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_tasks, counts
 from sapopt.problem.result import Evaluation
 from sapopt.problem.sap import SAP
@@ -78,7 +77,8 @@ class SyntheticTasks:
         benefit = self.base.benefits.at(real)
         out = np.empty_like(real)
         state = self.problem.initial_state()
-        forfeit = self.problem.dynamics.forfeit
+        rule = self.base.model.entering()
+        forfeit = 0.0 if rule is None else rule.forfeit
         for k, row in enumerate(real):
             count = np.bincount(row, minlength=self.base.m)
             if (count > self.copies).any():
@@ -129,13 +129,8 @@ def synthetic_tasks(problem: SAP, copies: Any, decay: float = 1.0) -> SyntheticT
     ValueError
         If the problem has another dynamics, or an argument is out of range.
     """
-    dynamics = problem.dynamics
-    if isinstance(dynamics, SwitchingCost) and dynamics.is_uniform:
-        options: dict[str, Any] = {"cost": dynamics.cost, "idle_is_free": dynamics.idle_is_free}
-    elif isinstance(dynamics, SyntheticSwitching) and dynamics.agent_of is None and dynamics.task_of is None:
-        names = ("cost", "forfeit", "idle_is_free", "needs_sight")
-        options = {name: getattr(dynamics, name) for name in names}
-    else:
+    rule = problem.model.entering()
+    if rule is None:
         raise ValueError(
             "problem: synthetic_tasks takes a SwitchingCost of one number or a SyntheticSwitching without copies"
         )
@@ -145,7 +140,7 @@ def synthetic_tasks(problem: SAP, copies: Any, decay: float = 1.0) -> SyntheticT
     first = np.concatenate([[0], np.cumsum(count)])
     copied = SAP(
         copied_tasks(problem.benefits, count, decay),
-        SyntheticSwitching(task_of=np.repeat(np.arange(problem.m), count), **options),
+        SyntheticSwitching(task_of=np.repeat(np.arange(problem.m), count), **asdict(rule)),
         None if start is None else first[start],
         agents=problem.agents,
     )

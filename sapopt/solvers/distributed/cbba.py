@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
@@ -82,9 +81,9 @@ class CBBA(Talks):
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> Memory:
         """Check the problem and the graphs."""
-        if not isinstance(problem.dynamics, SwitchingCost):
+        if problem.model.switching() is None:
             raise ValueError(
-                f"dynamics: CBBA scores the handovers of a SwitchingCost, not of {type(problem.dynamics).__name__}; "
+                f"dynamics: CBBA scores the handovers of a SwitchingCost, not of {problem.model.called}; "
                 "use HAALD"
             )
         if problem.benefits.forbids():
@@ -112,7 +111,9 @@ class CBBA(Talks):
         steps = window.shape[0]
         flat = window.flat()
         held = np.full(n, -1) if outlook.state is None else outlook.state
-        cost = np.atleast_2d(np.asarray(outlook.problem.dynamics.cost, dtype=np.float64))
+        rule = outlook.model.switching()
+        assert rule is not None
+        cost = np.atleast_2d(np.asarray(rule.cost, dtype=np.float64))
         open_task = scene.open_tasks[scene.component]
         y, z = np.zeros((n, steps * m)), np.full((n, steps * m), -1, dtype=np.int32)
         stamps = np.zeros((n, n), dtype=np.int32)

@@ -19,7 +19,6 @@ import numpy as np
 
 from sapopt.data.matrices import GainMatrix
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
@@ -96,7 +95,8 @@ class DistributedDualLookahead(Talks):
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> Memory:
         """Check the problem and the graphs."""
-        if not isinstance(problem.dynamics, SwitchingCost) or not problem.dynamics.is_uniform:
+        rule = problem.model.switching()
+        if rule is None or rule.uniform_cost is None:
             raise ValueError(
                 f"dynamics: DistributedDualLookahead plans paths under a SwitchingCost with one cost, not under "
                 f"{problem.dynamics!r}; use HAALD"
@@ -123,7 +123,10 @@ class DistributedDualLookahead(Talks):
         steps = window.shape[0]
         flat = window.flat()
         held = np.full(n, -1) if outlook.state is None else outlook.state
-        cost, idle_is_free = float(outlook.problem.dynamics.cost), bool(outlook.problem.dynamics.idle_is_free)
+        rule = outlook.model.switching()
+        assert rule is not None
+        assert rule.uniform_cost is not None
+        cost, idle_is_free = rule.uniform_cost, bool(rule.idle_is_free)
         slots = kernels.find_slots(flat.indptr, flat.indices, flat.data, held, n, m, steps)
         slot_ptr, slot_task, benefit, place = slots
         price = np.zeros((len(slot_task), steps))

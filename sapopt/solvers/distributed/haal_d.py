@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -62,14 +61,13 @@ def best_sequence(
     value : ndarray, shape (components,)
     """
     parts = int(component.max()) + 1
-    fingerprint: Callable[[Any], Any] | None = getattr(outlook.model, "key", None)
     known: dict[tuple[int, Any], tuple[IntArray, FloatArray]] = {}
 
     def best(start: int, state: Any) -> tuple[IntArray, FloatArray]:
         if start == stop:
             return np.full(parts, stop), np.zeros(parts)
-        key = (start, fingerprint(state)) if fingerprint is not None else None
-        if key is not None and key in known:
+        key = (start, outlook.model.key(state))
+        if key in known:
             return known[key]
         cut, top = np.full(parts, -1), np.full(parts, -np.inf)
         for end in range(start + 1, stop + 1):
@@ -86,8 +84,7 @@ def best_sequence(
                 (cut < 0) | (total > top + _TIE * np.abs(np.where(cut < 0, 0.0, top)))
             )
             cut, top = np.where(better, end, cut), np.where(better, total, top)
-        if key is not None:
-            known[key] = cut, top
+        known[key] = cut, top
         return cut, top
 
     return best(outlook.k, outlook.state)

@@ -11,8 +11,7 @@ import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.first_rows import FirstRowsOracle
-from sapopt.dynamics.paths.oracles import PathOracle, is_agent_local
-from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching.torch_paths import KERNELS, path_oracle, torch_device
 from sapopt.formulations.dual import DualResult, ascend
 from sapopt.problem.result import Status
@@ -101,10 +100,10 @@ class DualDecomposition:
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
-        switching = type(problem.dynamics) is SwitchingCost
-        if not is_agent_local(problem.model):
+        switching = problem.model.switching() is not None
+        if not problem.model.is_agent_local:
             raise ValueError(
-                f"dynamics: {type(problem.dynamics).__name__} is not agent-local (it has neither path_oracle nor "
+                f"dynamics: {problem.model.called} is not agent-local (it has neither path_oracle nor "
                 "local_model), so no prices take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
             )
         builder = _network_builder(self, problem) if switching else _oracle_builder(self, problem)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations import stays as formulation
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.stays import Stays
@@ -98,7 +99,7 @@ class BranchAndPrice:
         self._tell("branch and price", bound)
 
     def _prices(self, count: int) -> FloatArray:
-        oracle = self.problem.model.path_oracle(self.problem.benefits, self.problem.initial_state())
+        oracle = path_oracle(self.problem.model, self.problem.benefits, self.problem.initial_state())
         seconds = min(0.1 * self.run.seconds_left, 0.05 + count / 100_000)
         found = ascend(
             oracle, time_limit=seconds, max_iterations=5000, target=self.best.value, tolerance=1e-9,

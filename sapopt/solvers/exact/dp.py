@@ -1,7 +1,7 @@
 """Brute force over joint states: exact for any dynamics, also user-defined and global ones, of a tiny problem.
 
 Step by step, every full assignment is tried in every state that can be reached, and of the ways into equal states
-only the best is kept. States are equal if the dynamics' `key` says so, or else if they hold equal values.
+only the best is kept. States are equal if the model's `key` says so.
 """
 
 from __future__ import annotations
@@ -37,27 +37,6 @@ def accepts(problem: SAP, limit: int = LIMIT) -> str | None:
     return None
 
 
-def fingerprint(problem: SAP, state: Any) -> Hashable:
-    """What makes two states equal."""
-    if hasattr(problem.model, "key"):
-        return problem.model.key(state)
-    return _frozen(state)
-
-
-def _frozen(state: Any) -> Hashable:
-    if isinstance(state, np.ndarray):
-        return (state.shape, state.dtype.str, state.tobytes())
-    if isinstance(state, (list, tuple)):
-        return (type(state).__name__, *(_frozen(part) for part in state))
-    if isinstance(state, dict):
-        return tuple(sorted((repr(key), _frozen(value)) for key, value in state.items()))
-    try:
-        hash(state)
-    except TypeError:
-        return ("identity", id(state))  # never merged with another state
-    return state
-
-
 def assignments(n: int, m: int) -> IntArray:
     """All full assignments, shape (m! / (m - n)!, n)."""
     return np.array(list(permutations(range(m), n)), dtype=np.int64).reshape(-1, n)
@@ -81,7 +60,7 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
     # fingerprint -> (value, state, how it was reached); the state keeps its identity alive
     layer: dict[Hashable, tuple[float, Any, Any]] = {}
     start = problem.initial_state()
-    layer[fingerprint(problem, start)] = (0.0, start, None)
+    layer[problem.model.key(start)] = (0.0, start, None)
     tried = 0
     for k in range(problem.T):
         tried += len(layer) * len(rows)
@@ -98,11 +77,11 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
             hat = problem.beta_hat(k, state)
             allowed |= np.isfinite(hat)
             worth = hat[agents, rows].sum(axis=1)
-            if hasattr(problem.model, "interaction"):  # terms that no matrix holds
+            if problem.model.interacts:  # terms that no matrix holds
                 worth += problem.model.interaction(k, rows).sum(axis=1)
             for r in np.flatnonzero(worth > -np.inf):
                 following = problem.transition(k, state, rows[r])
-                key = fingerprint(problem, following)
+                key = problem.model.key(following)
                 total = value + worth[r]
                 if key not in after or total > after[key][0]:
                     after[key] = (total, following, (rows[r], trail))

@@ -12,7 +12,6 @@ import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations import milp, network, qap
 from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.problem.result import Status
@@ -104,7 +103,7 @@ class Exact:
     def _network(self, problem: SAP, run: Run) -> Outcome:
         size = problem.T * problem.n * problem.m
         slow = size / _PLACES_A_SECOND > _BUILDING_SHARE * run.seconds_left
-        if (size > _MOST_PLACES or slow) and isinstance(problem.model, SwitchingCost):
+        if (size > _MOST_PLACES or slow) and problem.model.switching() is not None:
             log.warning(
                 "Exact: the network of %d places is too large to build; planning with prices instead", size
             )

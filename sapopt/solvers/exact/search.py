@@ -22,6 +22,7 @@ import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations import network as formulation
 from sapopt.formulations import stays
 from sapopt.formulations.highs import Answer, Ending, maximise
@@ -238,8 +239,8 @@ class Search:
         if first:
             return None
         oracle: Any = NetworkOracle(self.network)
-        if hasattr(self.problem.model, "path_oracle"):
-            oracle = self.problem.model.path_oracle(self.problem.benefits, self.problem.initial_state())
+        if self.problem.model.is_agent_local:
+            oracle = path_oracle(self.problem.model, self.problem.benefits, self.problem.initial_state())
         T, n, m = self.network.shape
         noise = 1.0 + _NOISE * self.run.rng.standard_normal((T, m))
         prices: FloatArray = self.prices.prices * np.maximum(noise, 0.0)

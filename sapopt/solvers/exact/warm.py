@@ -11,6 +11,7 @@ import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations.dual import ascend, rigorous_bound
 from sapopt.formulations.network import Network, NetworkOracle
 from sapopt.problem.result import Status
@@ -103,8 +104,8 @@ class Prices:
 def price(problem: SAP, network: Network, run: Run, value: float, seconds: float) -> Prices:
     """Minimise the Lagrangian dual for some seconds, and measure the arcs by the prices found."""
     oracle: Any = NetworkOracle(network)
-    if hasattr(problem.model, "path_oracle"):
-        oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
+    if problem.model.is_agent_local:
+        oracle = path_oracle(problem.model, problem.benefits, problem.initial_state())
     found = ascend(
         oracle,
         time_limit=seconds,

@@ -122,7 +122,7 @@ def test_exact_heuristics_and_bound(case: Case) -> None:
     found = solve(problem, Exact(method="dp"))
     assert found.value == pytest.approx(best)
     solvers: list[Any] = [HAA(), HAAL(2), Greedy(), NoHandover()]
-    if hasattr(problem.model, "path_oracle"):
+    if problem.model.is_agent_local:
         solvers.append(DualLookahead(2, iterations=5))
     for solver in solvers:
         assert solve(problem, solver).value <= best + 1e-9
@@ -198,9 +198,10 @@ def test_keys_forget_which_copy() -> None:
 def test_only_local_models_offer_paths() -> None:
     """Prices prove a bound where agents have no copies; elsewhere the model does not pretend to."""
     benefits = np.ones((2, 2, 3))
-    assert hasattr(SAP(benefits, SyntheticSwitching(task_of=[0, 0, 1])).model, "path_oracle")
+    assert SAP(benefits, SyntheticSwitching(task_of=[0, 0, 1])).model.is_agent_local
     grouped = SAP(benefits, SyntheticSwitching(agent_of=[0, 0]))
-    assert not hasattr(grouped.model, "path_oracle")
+    assert not grouped.model.is_agent_local
+    assert grouped.model.path_oracle(grouped.benefits, None) is None
     with pytest.raises(ValueError, match="agent-local"):
         solve(grouped, DualLookahead(2))
 

@@ -15,7 +15,6 @@ from strategies import FORMS, arrays, as_form, plans_of, quarters, sizes, sparse
 
 from sapopt import SAP, SwitchingCost, bound, solve
 from sapopt.dynamics import Interference
-from sapopt.dynamics.joint.interference import Interacting
 from sapopt.proofs.plain import plain_value
 from sapopt.solvers import (
     HAA,
@@ -84,7 +83,7 @@ def test_evaluation_is_the_rule(case: Case, data: st.DataObject) -> None:
     plan = data.draw(plans_of(case.benefits.shape))
     for form in FORMS:
         problem = case.problem(form)
-        assert isinstance(problem.model, Interacting)
+        assert problem.model.interacts
         assert problem.evaluate(plan).value == pytest.approx(case.score(plan))
         assert plain_value(problem, plan) == pytest.approx(case.score(plan))
 

@@ -24,7 +24,7 @@ from sapopt.dynamics.paths.oracles import (
 )
 from sapopt.dynamics.switching.hard import seen_tasks
 from sapopt.dynamics.switching.paths import StrictSwitching, oracle
-from sapopt.formulations.local import SwitchingStates
+from sapopt.dynamics.switching.states import SwitchingStates
 from sapopt.proofs.plain import plain_bound
 from sapopt.solvers import DualDecomposition, DualLookahead, Exact
 

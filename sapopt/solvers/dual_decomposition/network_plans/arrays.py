@@ -11,7 +11,6 @@ import numpy.typing as npt
 from numba import njit
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
 
 Rows = namedtuple("Rows", "indptr indices data agents cost matrix idle_is_free")
@@ -55,14 +54,13 @@ class Arrays:
         ValueError
             If its dynamics is not a `SwitchingCost`.
         """
-        dynamics = problem.dynamics
-        if not isinstance(dynamics, SwitchingCost):
+        rule = problem.model.switching()
+        if rule is None:
             raise ValueError(
-                f"dynamics: {type(dynamics).__name__} has no plan improvement here, DualDecomposition needs a "
+                f"dynamics: {problem.model.called} has no plan improvement here, DualDecomposition needs a "
                 "SwitchingCost; bound(problem) and DualLookahead serve other dynamics"
             )
         flat = problem.benefits.flat()
-        number = dynamics.is_uniform
         return cls(
             flat.indptr,
             flat.indices,
@@ -70,9 +68,11 @@ class Arrays:
             problem.T,
             problem.n,
             problem.m,
-            float(dynamics.cost) if number else 0.0,
-            np.zeros((0, 0)) if number else np.ascontiguousarray(dynamics.cost, dtype=np.float64),
-            dynamics.idle_is_free,
+            rule.uniform_cost or 0.0,
+            np.ascontiguousarray(rule.cost, dtype=np.float64)
+            if rule.uniform_cost is None
+            else np.zeros((0, 0)),
+            rule.idle_is_free,
             np.full(problem.n, -1) if problem.initial_assignment is None else problem.initial_assignment,
         )
 

@@ -5,21 +5,48 @@ Shares nothing with `sapopt.dynamics.battery.model` but the parameters, and no k
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.battery.model import Battery
-from sapopt.problem.sap import SAP
+from sapopt.dynamics.base import Setting
+
+if TYPE_CHECKING:
+    from sapopt.dynamics.battery.model import Battery
 
 _BLOCK = 4_000_000  # entries of the largest array built at once
 
 
-def plain_terms(problem: SAP, tasks: IntArray) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class PlainBattery:
+    """Values of plans and of priced paths by the definition (a `sapopt.dynamics.base.Plain`)."""
+
+    rule: Battery
+    problem: Setting
+
+    @property
+    def largest_charge(self) -> float:
+        """The cost of a handover."""
+        return self.rule.cost
+
+    def terms(self, tasks: IntArray) -> FloatArray:
+        """Benefit plus handover (T, n) of every pair of a plan."""
+        return plain_terms(self.rule, self.problem, tasks)
+
+    def path_values(self, prices: FloatArray) -> FloatArray:
+        """Value (n,) of every agent's best path under the prices: the maximum over all sequences of tasks."""
+        n = self.problem.n
+        size = max(1, _BLOCK // ((self.rule.units.capacity + 1) * self.problem.m))
+        blocks = (np.arange(first, min(first + size, n)) for first in range(0, n, size))
+        return np.concatenate([_block(self.rule, self.problem, prices, block) for block in blocks])
+
+
+def plain_terms(dynamics: Battery, problem: Setting, tasks: IntArray) -> FloatArray:
     """Benefit plus handover (T, n) of every pair of a plan, by following every agent with its charge as a fraction."""
-    dynamics: Battery = problem.dynamics
     drain, charge, capacity = (
         Fraction(x).limit_denominator(10**4) for x in (dynamics.drain, dynamics.charge, dynamics.capacity)
     )
@@ -45,25 +72,12 @@ def plain_terms(problem: SAP, tasks: IntArray) -> FloatArray:
     return terms
 
 
-def plain_paths(problem: SAP, mu: FloatArray) -> FloatArray:
-    """Value (n,) of every agent's best path under the prices mu (T, m): the maximum over all sequences of tasks."""
-    levels = problem.dynamics.units.capacity + 1
-    size = max(1, _BLOCK // (levels * problem.m))
-    return np.concatenate(
-        [
-            _block(problem, mu, np.arange(first, min(first + size, problem.n)))
-            for first in range(0, problem.n, size)
-        ]
-    )
-
-
-def _block(problem: SAP, mu: FloatArray, agents: IntArray) -> FloatArray:
-    """`plain_paths` of some agents, by recursion forwards in time.
+def _block(dynamics: Battery, problem: Setting, mu: FloatArray, agents: IntArray) -> FloatArray:
+    """Values of the paths of some agents, by recursion forwards in time.
 
     ``best[i, level]`` is the value of the best path of agent i so far that leaves it at that level, wherever it is;
     ``ready[i, level, j]`` that of those after which it may work on task j without paying.
     """
-    dynamics: Battery = problem.dynamics
     drain, charge, capacity = dynamics.units[1:]
     count, m = len(agents), problem.m
     start = dynamics.initial_state(problem)
