@@ -237,11 +237,6 @@ def adapt(dynamics: Any, problem: Setting) -> Model:
     return Adapted(bound, problem.n, problem.m)
 
 
-def told_fingerprint(dynamics: Any) -> Any:
-    """What a user's dynamics tells of itself by ``fingerprint()``; None if it has none, or one of another rule."""
-    return dynamics.fingerprint() if offers(dynamics, "fingerprint") else None
-
-
 def _interacts(layers: Layers) -> bool:
     place = _place(layers, "interaction")
     return place is not None and layers[place][0] is not Model and layers[place][1]["interaction"] is not None

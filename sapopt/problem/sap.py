@@ -19,7 +19,7 @@ from sapopt.data.feasibility import explain_infeasible
 from sapopt.data.files import read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
-from sapopt.dynamics.capabilities import adapt, told_fingerprint
+from sapopt.dynamics.capabilities import adapt, offers
 from sapopt.dynamics.registry import BUILT_IN, is_own
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.result import Evaluation
@@ -297,12 +297,12 @@ def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, .
 def _told(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """What a user's dynamics tells of itself by ``fingerprint()``, with its class name."""
     name = type(dynamics).__name__
-    told = told_fingerprint(dynamics)
-    if told is None:
+    if not offers(dynamics, "fingerprint"):
         raise ValueError(
             f"dynamics: {name} is user-defined and has no fingerprint; give it a method fingerprint() that returns "
             "everything that decides its values, such as ['version 1', self.loss]"
         )
+    told = dynamics.fingerprint()
     parts = [told] if isinstance(told, (str, numbers.Real, np.ndarray)) else told
     meta: dict[str, Any] = {"own dynamics": name}
     arrays: dict[str, Any] = {}

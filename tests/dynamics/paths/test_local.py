@@ -317,4 +317,4 @@ def test_states_alone_give_bounds_and_dual_solvers() -> None:
 def test_what_is_not_local_is_refused() -> None:
     """A global state has no paths."""
     with pytest.raises(ValueError, match="agent-local"):
-        path_oracle(Dictator(), np.ones((2, 2, 3)), (0, 2, 3))
+        path_oracle(SAP(np.ones((2, 2, 3)), Dictator()).model, np.ones((2, 2, 3)), (0, 2, 3))
