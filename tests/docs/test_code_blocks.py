@@ -52,5 +52,8 @@ def test_files_named_exist(page: Path) -> None:
         assert (page.parent / target).exists(), target
     for script in re.findall(r"(?<![\w/])(?:experiments|tools)/[\w/]+\.py", text):
         assert (ROOT / script).exists(), script
+    for module in re.findall(r"python -m (experiments[\w.]*)", text):
+        path = ROOT / module.replace(".", "/")
+        assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), module
     for script in re.findall(r"`(\w+\.py)`", text) if page.name == "experiments.md" else []:
         assert (ROOT / "experiments" / script).exists(), script
