@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-from typing import Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -37,21 +35,3 @@ html_theme = "furo"
 html_title = f"sapopt {release}"
 html_theme_options = {"navigation_with_keys": True}
 html_show_sphinx = False
-
-
-def complete_index(app: Any, page: str, source: list[str]) -> None:
-    """Put every page into the index: those that it does not name go under "More", names without a page are dropped."""
-    if page != "index":
-        return
-    pages = set(app.env.found_docs) - {"index"}
-    blocks = re.findall(r"```{toctree}\n(?::[^\n]*\n)+\n(.*?)```", source[0], flags=re.DOTALL)
-    named = {line for block in blocks for line in block.split()}
-    for name in named - pages - {"PAGES-NOT-NAMED-ABOVE"}:
-        source[0] = re.sub(rf"^{re.escape(name)}\n", "", source[0], flags=re.MULTILINE)
-    more = sorted(name for name in pages - named if not name.startswith("api/"))
-    source[0] = source[0].replace("PAGES-NOT-NAMED-ABOVE", "\n".join(more))
-
-
-def setup(app: Any) -> None:
-    """Connect the hook."""
-    app.connect("source-read", complete_index)
