@@ -140,10 +140,10 @@ def page(result: dict[str, Any]) -> str:
 Agents drift past tasks on a ring (`experiments/benchmarks/ring.py`) and see a few of them at a
 time, so n, m, T and the number of visible pairs can grow one by one. Each method runs in a process of its own and
 goes no further once a problem takes {result["cap"]:g} s; that is also the time limit of `dual-decomposition`.
-Times are processor time with one thread, without compilation; for policies it is the time of all steps over their number. Only
-the solvers of the whole horizon run in parallel and are timed by the wall clock. {environment["cores"]} cores,
-{environment["platform"]}, Python {environment["python"]}. The load was {min(loads):.1f} to {max(loads):.1f}. A load above the
-number of cores means that the machine was busy with other work. Wall-clock times, and what `dual-decomposition`
+Times are processor time with one thread, without compilation; for policies it is the time of all steps over their
+number. Only the solvers of the whole horizon run in parallel and are timed by the wall clock. {environment["cores"]}
+cores, {environment["platform"]}, Python {environment["python"]}. The load was {min(loads):.1f} to {max(loads):.1f}. A
+load above the number of cores means that the machine was busy with other work. Wall-clock times, and what `dual-decomposition`
 finds within its limit, are then worse than they need be; the ratios are more reliable.""",
         f"Not in this run: the groups {', '.join(missing)}." if missing else "",
         "![Time, memory and value against size](images/benchmarks.png)",
@@ -185,7 +185,8 @@ finds within its limit, are then worse than they need be; the ratios are more re
     if groups.get("alpha"):
         parts += [
             "## One assignment problem, and the peers",
-            "Ours also assigns the idle agents. Each of the others gets its data in its own best form, prepared before the clock starts.",
+            "Ours also assigns the idle agents. Each of the others gets its data in its own best form, "
+            "prepared before the clock starts.",
             ratios(groups["alpha"], "assign-sapopt"),
         ]
     if groups.get("algorithm2"):
