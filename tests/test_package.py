@@ -36,10 +36,8 @@ LAYERS = (
 UPWARDS = {("problem/result.py", "report")}
 """The exception: `Result.report` hands over to the page that shows it, inside the method."""
 BUILT_ON = {
-    "paths": {"paths", "rules"},
     "joint": {"switching"},
     "battery": {"paths", "switching"},
-    "copies": {"paths", "switching"},
 }
 """Families of dynamics that stand on another one."""
 LOCAL_RULES = {

@@ -11,7 +11,7 @@ from sapopt.data.matrices import GainMatrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.battery import hard as kernels
 from sapopt.dynamics.battery import soft as soft
-from sapopt.dynamics.switching.paths import flat_benefits
+from sapopt.dynamics.paths.window import flat_benefits
 from sapopt.dynamics.switching.soft_idle import cheapest_and_rest
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.copies import hard as kernels
 from sapopt.dynamics.copies import seen as seen
-from sapopt.dynamics.switching.paths import flat_benefits
+from sapopt.dynamics.paths.window import flat_benefits
 
 if TYPE_CHECKING:
     from sapopt.dynamics.copies.model import SyntheticSwitching

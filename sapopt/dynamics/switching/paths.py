@@ -16,27 +16,12 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths import first_rows as rows
 from sapopt.dynamics.paths.first_rows import FirstRows
 from sapopt.dynamics.paths.oracles import PathOracle
+from sapopt.dynamics.paths.window import flat_benefits
 from sapopt.dynamics.switching import first as first
 from sapopt.dynamics.switching import hard as kernels
 from sapopt.dynamics.switching import narrow as narrow
 from sapopt.dynamics.switching import soft_idle as soft_idle
 from sapopt.dynamics.switching import soft_strict as soft
-
-
-def flat_benefits(benefits: Any) -> tuple[IntArray, NDArray[np.int32], FloatArray, tuple[int, int, int]]:
-    """Benefits as one CSR of T*n rows (row k*n + i): (indptr, indices, data, (T, n, m)). Explicit zeros are dropped."""
-    T, n, m = (int(d) for d in benefits.shape)
-    if hasattr(benefits, "flat") and getattr(benefits, "is_sparse", False):
-        flat = benefits.flat()
-        indptr = np.ascontiguousarray(flat.indptr, dtype=np.int64)
-        indices = np.ascontiguousarray(flat.indices, dtype=np.int32)
-        data = np.ascontiguousarray(flat.data, dtype=np.float64)
-        return indptr, indices, data, (T, n, m)
-    dense = np.asarray(benefits.dense() if hasattr(benefits, "dense") else benefits, dtype=np.float64)
-    rows = dense.reshape(T * n, m)
-    filled = rows != 0.0
-    indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=1))]).astype(np.int64)
-    return indptr, np.nonzero(filled)[1].astype(np.int32), rows[filled], (T, n, m)
 
 
 class _Switching:
