@@ -87,6 +87,53 @@ def test_small_qaplib_instance(tmp_path: Path) -> None:
     assert form.value(qap.locations_of(form, answer.x)) == pytest.approx(-least)
 
 
+def test_headers_marks_and_commas(tmp_path: Path) -> None:
+    """``n value`` as header, a byte order mark, commas, and lines broken anywhere are read as the plain file is."""
+    rng = np.random.default_rng(3)
+    numbers = rng.integers(0, 9, (2, 4, 4))
+    path = tmp_path / "x.dat"
+
+    def read(text: str, encoding: str = "utf-8") -> qap.QAP:
+        path.write_text(text, encoding=encoding)
+        return qap.read_qaplib(path)
+
+    words = [str(v) for v in numbers.ravel()]
+    plain = read("4\n" + "\n".join(words))
+    assert np.array_equal(plain.a, numbers[0])
+    for other in (
+        read("4 123\n\n" + " ".join(words)), read("\n 4  -12.5\r\n" + "\r\n".join(words)),
+        read("4\n" + ",".join(words), "utf-8-sig"), read("4 99\n" + " ".join(words), "utf-16"),
+        read("4 " + " ".join(words)),
+    ):  # fmt: skip
+        assert np.array_equal(other.a, plain.a)
+        assert np.array_equal(other.b, plain.b)
+    one = read("1 6\n2\n3\n")
+    assert (one.a.item(), one.b.item()) == (2.0, -3.0)
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "-inf", "1_0", "1e999", "\u0661", "0x1"])
+def test_what_is_no_number_is_told_by_line(word: str, tmp_path: Path) -> None:
+    """Words that float() would take are refused too, with the line."""
+    path = tmp_path / "x.dat"
+    path.write_text(f"2\n1 2 3 4\n5 6 {word} 8\n")
+    with pytest.raises(ValueError, match=r"x\.dat, line 3: not a QAPLIB file"):
+        qap.read_qaplib(path)
+
+
+def test_solution_file(tmp_path: Path) -> None:
+    """A written solution is read back from 0, with its cost; what is no permutation is refused."""
+    path = tmp_path / "x.sln"
+    for text in ("3 7\n2 3 1\n", "3\n7\n2,3,1", "  3   7 2 3\n1"):
+        path.write_text(text)
+        cost, locations = qap.read_qaplib_solution(path)
+        assert cost == 7.0
+        assert locations.tolist() == [1, 2, 0]
+    for text in ("", "3 7\n2 2 1", "3 7\n2 3", "3 7\n0 1 2", "3 nan\n2 3 1", "2.5 1\n1 2", "three"):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"x\.sln.*not a QAPLIB"):
+            qap.read_qaplib_solution(path)
+
+
 @pytest.mark.parametrize("text", ["", "x", "3 1 2", "2 1 2 3 4 5 6 7", "-1 2", "2 1 2 3 4 5 6 7 nine"])
 def test_damaged_file(text: str, tmp_path: Path) -> None:
     """A file of another kind gives one clear line."""
