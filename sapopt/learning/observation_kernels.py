@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from sapopt.kernels.jit import njit
 from sapopt.kernels.windows import window_gains
 
 

@@ -15,79 +15,166 @@ problem ends there). An idle agent may stand on any task, the cheapest one if it
 with l'' the level after charging. The last term, an idle agent that stands on the task on which it will work at the
 next step and does not pay for it, is there only where moves are charged and not entries. Level 0 is dead for good.
 
-Layouts: entries are those of the flat benefits, row ``k * n + i``. `follow[e]` is the entry of the same task at the
-next step if its benefit is positive there, `back[e]` that at the step before, whatever its benefit; -1 for none. The
-arrays of one agent hold its entries end to end.
+The arrays of one agent hold its entries end to end, step by step. Kernels that take `begin` and `end` are for
+`sapopt.kernels.blocks`.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, prange
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.jit import njit
 from sapopt.kernels.windows import fill_sorted
 
 _FAST = {"nnan", "nsz"}  # infinities only meet with equal sign
 _NEG = -np.inf
 
 
-@njit(cache=True)
-def neighbours(indptr, indices, data, T, n):
-    """Entries of the same task one step later, if positive there, and one step before: (follow, back), int64."""
-    follow = np.full(indices.size, -1, np.int64)
-    back = np.full(indices.size, -1, np.int64)
-    for r in range((T - 1) * n):
+class Rows(NamedTuple):
+    """Benefits of n agents over a window; row ``k * n + i`` is agent i at step k.
+
+    Attributes
+    ----------
+    n : int
+    indptr : (T * n + 1,) int64
+    indices : (entries,) int32
+        Tasks, ascending inside a row.
+    data : (entries,) float64
+        Benefits; -inf forbids a pair.
+    follow : (entries,) int64
+        Entry of the same task at the next step if its benefit is positive there, else -1.
+    back : (entries,) int64
+        Entry of the same task at the step before, whatever its benefit; -1 for none.
+    """
+
+    n: int
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    data: FloatArray
+    follow: IntArray
+    back: IntArray
+
+
+class Rule(NamedTuple):
+    """What a battery does, in whole units of charge.
+
+    Attributes
+    ----------
+    cost : float
+        Of a start of work that has to be paid.
+    drain, charge, capacity : int
+    entries : bool
+        Whether every start of work pays, instead of every move.
+    end : (capacity + 1,) float64
+        Value of every level after the window.
+    """
+
+    cost: float
+    drain: int
+    charge: int
+    capacity: int
+    entries: bool
+    end: FloatArray
+
+
+class Before(NamedTuple):
+    """State before the window.
+
+    Attributes
+    ----------
+    levels : (n,) int64
+    ready : (n,) int64
+        Task that an agent may work on at the first step without paying, -1 for none.
+    free : bool
+        Whether nobody pays at the first step.
+    """
+
+    levels: IntArray
+    ready: IntArray
+    free: bool
+
+
+class Scratch(NamedTuple):
+    """Work arrays of one agent at a time.
+
+    Attributes
+    ----------
+    paid : (T + 1, levels + 1) float64
+        N_k[l], value of what follows if the next start of work has to be paid.
+    working : (most entries, levels + 1) float64
+        X_k[l, e], value of working on an entry and what follows, not counting what it pays.
+    offset : (T + 1,) int64
+        Where the entries of a step begin in `working`.
+    mark : (m,) int64
+        Row that saw a task last; -1 between two agents.
+    least : (T,) float64
+        Price of the cheapest task without an entry, +inf if there is none.
+    least_task : (T,) int64
+        That task, -1 if there is none.
+    """
+
+    paid: FloatArray
+    working: FloatArray
+    offset: IntArray
+    mark: IntArray
+    least: FloatArray
+    least_task: IntArray
+
+
+def make_scratch(T: int, m: int, most: int, capacity: int) -> tuple[Scratch]:
+    """Work arrays of one thread, for agents of at most `most` entries."""
+    return (
+        Scratch(
+            np.empty((T + 1, capacity + 1)), np.empty((most, capacity + 1)), np.empty(T + 1, np.int64),
+            np.full(m, -1, np.int64), np.empty(T), np.empty(T, np.int64),
+        ),
+    )  # fmt: skip
+
+
+def link_rows(indptr: IntArray, indices: NDArray[np.int32], data: FloatArray, n: int) -> Rows:
+    """The rows with the entries of the same task one step later and one before."""
+    rows = Rows(n, indptr, indices, data, np.full(indices.size, -1), np.full(indices.size, -1))
+    _link(rows)
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def _link(rows):
+    n, indptr, indices = rows.n, rows.indptr, rows.indices
+    for r in range(indptr.size - 1 - n):
         p, end = indptr[r + n], indptr[r + n + 1]
         for e in range(indptr[r], indptr[r + 1]):
             while p < end and indices[p] < indices[e]:
                 p += 1
             if p < end and indices[p] == indices[e]:
-                back[p] = e
-                if data[p] > 0.0:
-                    follow[e] = p
-    return follow, back
+                rows.back[p] = e
+                if rows.data[p] > 0.0:
+                    rows.follow[e] = p
 
 
-@njit(cache=True)
-def row_maxima(indptr, data):
+def row_maxima(indptr: IntArray, data: FloatArray) -> FloatArray:
     """Largest entry of every row, at least 0."""
     out = np.zeros(indptr.size - 1)
-    for r in range(out.size):
-        for e in range(indptr[r], indptr[r + 1]):
-            out[r] = max(out[r], data[e])
+    filled = np.flatnonzero(np.diff(indptr))
+    if filled.size:
+        out[filled] = np.maximum(np.maximum.reduceat(data, indptr[filled]), 0.0)
     return out
 
 
-@njit(cache=True)
-def most_entries(indptr, n, T):
-    """Largest number of entries of one agent over all steps."""
-    most = 1
-    for i in range(n):
-        count = 0
-        for k in range(T):
-            count += indptr[k * n + i + 1] - indptr[k * n + i]
-        most = max(most, count)
-    return most
-
-
-@njit(cache=True)
-def cheapest_tasks(prices, count):
-    """Per step the `count` cheapest tasks in order of price: enough to find one that an agent has no entry for."""
-    T, m = prices.shape
-    out = np.empty((T, count), np.int32)
-    for k in range(T):
-        out[k] = np.argsort(prices[k], kind="mergesort")[:count]
-    return out
-
-
-@njit(cache=True)
-def _idle_places(i, n, indptr, indices, prices, cheapest, mark, least, least_task):
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _idle_places(i, rows, prices, cheapest, scratch):
     """Cheapest task without an entry at every step, and its price; +inf and -1 if there is none.
 
     `cheapest` (T, count) as from `cheapest_tasks`; if it is empty all tasks are looked at.
     """
+    n, indptr, indices = rows.n, rows.indptr, rows.indices
+    mark, least, least_task = scratch.mark, scratch.least, scratch.least_task
     T, m = prices.shape
     for k in range(T):
         r = k * n + i
@@ -108,16 +195,18 @@ def _idle_places(i, n, indptr, indices, prices, cheapest, mark, least, least_tas
             mark[indices[e]] = -1
 
 
-@njit(cache=True, fastmath=_FAST)
-def _values(i, n, rows, battery, prices, least, first, N, X, offset):
-    """Fill N (T+1, levels+1) from step `first` on, and X (entries, levels+1) of one agent."""
-    indptr, indices, data, follow, back = rows
-    cost, drain, charge, capacity, entries, end = battery
+@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+def _values(i, rows, rule, prices, first, scratch):
+    """Fill ``N = scratch.paid`` from step `first` on, and ``X = scratch.working`` of one agent; see the module."""
+    n, indptr, indices, data, follow, back = rows
+    cost, drain, charge, capacity, entries, end = rule
+    N, X, offset, least = scratch.paid, scratch.working, scratch.offset, scratch.least
     T = prices.shape[0]
     offset[0] = 0
     for k in range(T):
         offset[k + 1] = offset[k] + indptr[k * n + i + 1] - indptr[k * n + i]
-    N[T] = end
+    for level in range(capacity + 1):
+        N[T, level] = end[level]
     for k in range(T - 1, -1, -1):
         r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
@@ -164,12 +253,18 @@ def _values(i, n, rows, battery, prices, least, first, N, X, offset):
                 N[k, level] = max(N[k, level], net + X[x, min(level + charge, capacity)])
 
 
-@njit(cache=True)
-def _walk(i, n, rows, battery, prices, least, least_task, start, N, X, offset, out):
-    """Write the best path of one agent to `out` (T,) and return its value."""
-    indptr, indices, data, _, back = rows
-    cost, drain, charge, capacity, entries, end = battery
-    level, ready, free = start
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _walk(i, rows, rule, prices, before, scratch, out):
+    """Write the best path of one agent to `out` (T,) and return its value.
+
+    Forward in time from the agent's own level; at every step it does what the values to go say is best.
+    """
+    n, indptr, data, back = rows.n, rows.indptr, rows.data, rows.back
+    indices = rows.indices
+    cost, drain, charge, capacity, entries, end = rule
+    N, X, offset = scratch.paid, scratch.working, scratch.offset
+    least, least_task = scratch.least, scratch.least_task
+    level, ready, free = before.levels[i], before.ready[i], before.free
     T = prices.shape[0]
     value = 0.0
     for k in range(T):
@@ -211,128 +306,85 @@ def _walk(i, n, rows, battery, prices, least, least_task, start, N, X, offset, o
     return value
 
 
-@njit(cache=True, parallel=True)
-def best_paths(n, rows, battery, prices, cheapest, levels, ready, free, chunks):
-    """All agents' longest paths: (values (n,), plan (T, n)).
+@njit(cache=True, nogil=True)
+def best_paths(begin, end, rows, rule, before, prices, cheapest, values, plan, scratch):
+    """Longest paths of the agents of a block: fills `values` (n,) and `plan` (n, T).
 
-    Parameters
-    ----------
-    rows : (indptr, indices, data, follow, back)
-    battery : (cost, drain, charge, capacity, whether entries pay instead of moves, value (levels + 1,) at the end)
-    cheapest : see `cheapest_tasks`
-    levels, ready : (n,) int64
-        Levels, and tasks that may be worked on at the first step without paying (-1 for none).
-    free : bool
-        Whether nobody pays at the first step.
+    `cheapest` as in `_idle_places`.
     """
-    T, m = prices.shape
-    capacity = battery[3]
-    most = most_entries(rows[0], n, T)
-    values = np.empty(n)
-    plan = np.empty((n, T), np.int64)
-    for c in prange(chunks):
-        N, X = np.empty((T + 1, capacity + 1)), np.empty((most, capacity + 1))
-        mark, offset = np.full(m, -1), np.empty(T + 1, np.int64)
-        least, least_task = np.empty(T), np.empty(T, np.int64)
-        for i in range(c, n, chunks):
-            _idle_places(i, n, rows[0], rows[1], prices, cheapest, mark, least, least_task)
-            _values(i, n, rows, battery, prices, least, 0, N, X, offset)
-            start = (levels[i], ready[i], free)
-            values[i] = _walk(i, n, rows, battery, prices, least, least_task, start, N, X, offset, plan[i])
-    return values, plan.T.copy()
+    for i in range(begin, end):
+        _idle_places(i, rows, prices, cheapest, scratch)
+        _values(i, rows, rule, prices, 0, scratch)
+        values[i] = _walk(i, rows, rule, prices, before, scratch, plan[i])
 
 
-@njit(cache=True)
-def best_path(i, n, rows, battery, levels, ready, free, prices):
-    """One agent's longest path: (value, path (T,)); cheap, as no list of the cheapest tasks is made."""
-    T, m = prices.shape
-    N, X = np.empty((T + 1, battery[3] + 1)), np.empty((most_entries(rows[0], n, T), battery[3] + 1))
-    offset, path = np.empty(T + 1, np.int64), np.empty(T, np.int64)
-    least, least_task = np.empty(T), np.empty(T, np.int64)
-    none = np.empty((T, 0), np.int32)
-    _idle_places(i, n, rows[0], rows[1], prices, none, np.full(m, -1), least, least_task)
-    _values(i, n, rows, battery, prices, least, 0, N, X, offset)
-    start = (levels[i], ready[i], free)
-    return _walk(i, n, rows, battery, prices, least, least_task, start, N, X, offset, path), path
+@njit(cache=True, nogil=True)
+def place(order, rows, rule, before, closed, prices, none, plan, path, scratch):
+    """Let the agents of `order` re-plan one by one, see `sapopt.dynamics.paths.oracles.PlacingOracle`.
 
-
-@njit(cache=True)
-def place(n, rows, battery, levels, ready, free, order, closed, prices, plan):
-    """Let the agents of `order` re-plan one by one, see `sapopt.dynamics.paths.oracles.PlacingOracle`."""
-    T, m = prices.shape
-    N = np.empty((T + 1, battery[3] + 1))
-    X = np.empty((most_entries(rows[0], n, T), battery[3] + 1))
-    mark, offset, path = np.full(m, -1), np.empty(T + 1, np.int64), np.empty(T, np.int64)
-    least, least_task = np.empty(T), np.empty(T, np.int64)
-    none = np.empty((T, 0), np.int32)
+    `none` (T, 0) int32 and `path` (T,) int64 are scratch.
+    """
+    T = prices.shape[0]
     for i in order:
         for k in range(T):
             closed[k, plan[k, i]] = prices[k, plan[k, i]]
-        _idle_places(i, n, rows[0], rows[1], closed, none, mark, least, least_task)
-        _values(i, n, rows, battery, closed, least, 0, N, X, offset)
-        start = (levels[i], ready[i], free)
-        _walk(i, n, rows, battery, closed, least, least_task, start, N, X, offset, path)
+        _idle_places(i, rows, closed, none, scratch)
+        _values(i, rows, rule, closed, 0, scratch)
+        _walk(i, rows, rule, closed, before, scratch, path)
         for k in range(T):  # its old path was open, so one was found
             plan[k, i] = path[k]
             closed[k, path[k]] = np.inf
 
 
-@njit(cache=True, parallel=True)
-def first_entries(n, rows, battery, prices, cheapest, levels, ready, free, chunks):
-    """Values of the paths by their first task; the prices of the first step must be 0.
+@njit(cache=True, nogil=True)
+def first_entries(begin, end, rows, rule, before, prices, cheapest, rest, listed, scratch):
+    """Values of the paths by their first task, for the agents of a block; the prices of the first step must be 0.
 
-    Returns (rest (n,), listed): the value of all tasks without an entry at step 0 and none at step 1, and for every
+    Fills `rest` (n,), the value of all tasks without an entry at step 0 and none at step 1, and `listed`: for every
     entry of the steps 0 and 1 (in the order of the flat benefits) the value of its task.
     """
-    indptr, indices, data, _, back = rows
-    cost, drain, charge, capacity, entries, end = battery
-    T, m = prices.shape
-    most = most_entries(indptr, n, T)
-    rest = np.empty(n)
-    listed = np.full(indptr[min(T, 2) * n], _NEG)
-    for c in prange(chunks):
-        N, X = np.empty((T + 1, capacity + 1)), np.empty((most, capacity + 1))
-        mark, offset = np.full(m, -1), np.empty(T + 1, np.int64)
-        least, least_task = np.empty(T), np.empty(T, np.int64)
-        for i in range(c, n, chunks):
-            _idle_places(i, n, indptr, indices, prices, cheapest, mark, least, least_task)
-            _values(i, n, rows, battery, prices, least, 1, N, X, offset)
-            level = levels[i]
-            after = min(level + charge, capacity) if level > 0 else 0
-            rest[i] = N[1, after]
-            for e in range(indptr[i], indptr[i + 1]):
-                if data[e] > 0.0 and level > 0:
-                    listed[e] = X[e - indptr[i], level]
-                    if not free and ready[i] != indices[e]:
-                        listed[e] -= cost
-                else:
-                    listed[e] = min(data[e], 0.0) + N[1, after]
-            if T == 1:
+    n, indptr, indices, data, back = rows.n, rows.indptr, rows.indices, rows.data, rows.back
+    N, X, offset = scratch.paid, scratch.working, scratch.offset
+    T = prices.shape[0]
+    for i in range(begin, end):
+        _idle_places(i, rows, prices, cheapest, scratch)
+        _values(i, rows, rule, prices, 1, scratch)
+        level = before.levels[i]
+        after = min(level + rule.charge, rule.capacity) if level > 0 else 0
+        rest[i] = N[1, after]
+        for e in range(indptr[i], indptr[i + 1]):
+            if data[e] > 0.0 and level > 0:
+                listed[e] = X[e - indptr[i], level]
+                if not before.free and before.ready[i] != indices[e]:
+                    listed[e] -= rule.cost
+            else:
+                listed[e] = min(data[e], 0.0) + N[1, after]
+        if T == 1:
+            continue
+        for e in range(indptr[n + i], indptr[n + i + 1]):
+            b = back[e]
+            listed[e] = listed[b] if b >= 0 else rest[i]
+            if rule.entries or level == 0 or not data[e] > 0.0 or (b >= 0 and data[b] > 0.0):
                 continue
-            for e in range(indptr[n + i], indptr[n + i + 1]):
-                b = back[e]
-                listed[e] = listed[b] if b >= 0 else rest[i]
-                if entries or level == 0 or not data[e] > 0.0 or (b >= 0 and data[b] > 0.0):
-                    continue
-                waits = X[offset[1] + e - indptr[n + i], after] + (data[b] if b >= 0 else 0.0)
-                listed[e] = max(listed[e], waits)
-                if b >= 0:
-                    listed[b] = listed[e]
-    return rest, listed
+            # It may wait on the task at step 0 and start work there at step 1 without paying.
+            waits = X[offset[1] + e - indptr[n + i], after] + (data[b] if b >= 0 else 0.0)
+            listed[e] = max(listed[e], waits)
+            if b >= 0:
+                listed[b] = listed[e]
 
 
-@njit(cache=True)
-def first_gains(n, m, rows, rest, listed):
-    """Sorted rows of what every listed first task brings beyond `rest`: (row_start, tasks, gains)."""
-    indptr, indices, _, _, back = rows
-    row_start = np.zeros(n + 1, np.int64)
-    tasks = np.empty(listed.size, np.int32)
-    gains = np.empty(listed.size)
-    total = np.zeros(m)
+@njit(cache=True, nogil=True)
+def first_gains(rows, rest, listed, total, row_start, tasks, gains):
+    """Sorted rows of what every listed first task brings beyond `rest`; returns how many entries they have.
+
+    Fills `row_start` (n + 1,), `tasks` and `gains` (at most as many as `listed`); `total` (m,) is scratch.
+    """
+    n, indptr, indices, back = rows.n, rows.indptr, rows.indices, rows.back
     filled = 0
+    row_start[0] = 0
     for i in range(n):
         begin = filled
-        for r in range(i, (indptr.size - 1) // n * n, n):
+        for r in range(i, indptr.size - 1, n):
             if indptr[r] >= listed.size:
                 break
             for e in range(indptr[r], indptr[r + 1]):
@@ -343,20 +395,16 @@ def first_gains(n, m, rows, rest, listed):
                 filled += 1
         fill_sorted(tasks, gains, total, begin, filled)
         row_start[i + 1] = filled
-    return row_start, tasks[:filled].copy(), gains[:filled].copy()
+    return filled
 
 
-@njit(cache=True)
-def mean_values(n, rows, battery, prices, cheapest):
-    """N_k[l] (T + 1, levels + 1), averaged over the agents."""
-    T, m = prices.shape
-    capacity = battery[3]
-    total = np.zeros((T + 1, capacity + 1))
-    N, X = np.empty((T + 1, capacity + 1)), np.empty((most_entries(rows[0], n, T), capacity + 1))
-    mark, offset = np.full(m, -1), np.empty(T + 1, np.int64)
-    least, least_task = np.empty(T), np.empty(T, np.int64)
-    for i in range(n):
-        _idle_places(i, n, rows[0], rows[1], prices, cheapest, mark, least, least_task)
-        _values(i, n, rows, battery, prices, least, 0, N, X, offset)
-        total += N / n
-    return total
+@njit(cache=True, nogil=True)
+def add_values(begin, end, rows, rule, prices, cheapest, scratch, total):
+    """Add N_k[l] of the agents of a block to `total` (T + 1, levels + 1)."""
+    T = prices.shape[0]
+    for i in range(begin, end):
+        _idle_places(i, rows, prices, cheapest, scratch)
+        _values(i, rows, rule, prices, 0, scratch)
+        for k in range(T + 1):
+            for level in range(rule.capacity + 1):
+                total[k, level] += scratch.paid[k, level]

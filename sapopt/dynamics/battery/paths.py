@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
 from sapopt.data.matrices import GainMatrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.battery import hard as kernels
 from sapopt.dynamics.battery import soft as soft
+from sapopt.dynamics.battery.hard import Before, Rule, link_rows
+from sapopt.dynamics.paths.rows import Smoothing, cheapest_and_rest, cheapest_tasks, most_entries, widest_row
 from sapopt.dynamics.paths.window import flat_benefits
-from sapopt.dynamics.switching.soft_idle import cheapest_and_rest
+from sapopt.kernels.blocks import in_blocks, summed_in_blocks
 
 if TYPE_CHECKING:
     from sapopt.dynamics.battery.model import Battery, BatteryState
@@ -46,11 +48,11 @@ class BatteryPaths:
     ) -> None:
         indptr, indices, data, self._shape = flat_benefits(benefits)
         T, n, m = self._shape
-        self.levels = np.ascontiguousarray(state.levels, dtype=np.int64)
-        if self.levels.shape != (n,):
-            raise ValueError(f"state: expected the level of each of {n} agents, got {self.levels.shape}")
-        self.ready = np.ascontiguousarray(dynamics.serving(state), dtype=np.int64)
-        self.free = state.held is None
+        levels = np.ascontiguousarray(state.levels, dtype=np.int64)
+        if levels.shape != (n,):
+            raise ValueError(f"state: expected the level of each of {n} agents, got {levels.shape}")
+        ready = np.ascontiguousarray(dynamics.serving(state), dtype=np.int64)
+        self.before = Before(levels, ready, state.held is None)
         self.cost = dynamics.cost
         units = dynamics.units
         if end_value is not None:
@@ -63,9 +65,11 @@ class BatteryPaths:
             end = leftover(indptr, data, T, *units[1:])
         else:
             end = np.zeros(units.capacity + 1)
-        self.battery = (dynamics.cost, *units[1:], dynamics.pay_for == "entries", end)
-        self.rows = (indptr, indices, data, *kernels.neighbours(indptr, indices, data, T, n))
-        self._count = min(m, int(np.diff(indptr).max(initial=0)) + 1)
+        drain, charge, capacity = (int(unit) for unit in units[1:])
+        self.rule = Rule(float(dynamics.cost), drain, charge, capacity, dynamics.pay_for == "entries", end)
+        self.rows = link_rows(indptr, indices, data, n)
+        self._count = min(m, widest_row(indptr) + 1)
+        self._most = most_entries(indptr, n)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -75,7 +79,7 @@ class BatteryPaths:
     @property
     def scale(self) -> float:
         """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
-        finite = self.rows[2][np.isfinite(self.rows[2])]
+        finite = self.rows.data[np.isfinite(self.rows.data)]
         return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
 
     @property
@@ -86,30 +90,37 @@ class BatteryPaths:
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
         p = self._prices(prices)
-        values, plan = kernels.best_paths(
-            self._shape[1], self.rows, self.battery, p, kernels.cheapest_tasks(p, self._count), *self._start,
-            self._chunks(8),
+        T, n, _ = self._shape
+        values, plan = np.empty(n), np.empty((n, T), dtype=np.int64)
+        in_blocks(
+            kernels.best_paths, n, self.rows, self.rule, self.before, p, cheapest_tasks(p, self._count), values, plan,
+            scratch=self._scratch, turns=self._turns,
         )  # fmt: skip
-        return values, plan
+        return values, np.ascontiguousarray(plan.T)
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
         p = self._prices(prices)
-        value, path = kernels.best_path(agent, self._shape[1], self.rows, self.battery, *self._start, p)
-        return float(value), path
+        T, n, _ = self._shape
+        values, plan = np.empty(n), np.empty((n, T), dtype=np.int64)
+        kernels.best_paths(
+            agent, agent + 1, self.rows, self.rule, self.before, p, self._all_tasks, values, plan, *self._scratch()
+        )  # fmt: skip
+        return float(values[agent]), plan[agent]
 
     def place(self, order: IntArray, closed: FloatArray, prices: FloatArray, plan: IntArray) -> None:
         """Let agents re-plan one after another, in place (`sapopt.dynamics.paths.oracles.PlacingOracle`)."""
         kernels.place(
-            self._shape[1], self.rows, self.battery, *self._start, order, closed, self._prices(prices), plan
-        )
+            order, self.rows, self.rule, self.before, closed, self._prices(prices), self._all_tasks, plan,
+            np.empty(self._shape[0], dtype=np.int64), *self._scratch(),
+        )  # fmt: skip
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
         T, n, m = self._shape
         rest, listed = self._first(prices)
         values = np.repeat(rest[:, None], m, axis=1)
-        indptr, indices = self.rows[:2]
+        indptr, indices = self.rows.indptr, self.rows.indices
         for k in range(min(T, 2)):
             agents = np.repeat(np.arange(n), np.diff(indptr[k * n : (k + 1) * n + 1]))
             span = slice(indptr[k * n], indptr[(k + 1) * n])
@@ -120,29 +131,28 @@ class BatteryPaths:
         """`first_values` in sparse form, less a constant for every agent, which changes no assignment."""
         _, n, m = self._shape
         rest, listed = self._first(prices)
-        row_start, tasks, gains = kernels.first_gains(n, m, self.rows, rest, listed)
+        row_start = np.empty(n + 1, dtype=np.int64)
+        tasks, gains = np.empty(listed.size, dtype=np.int32), np.empty(listed.size)
+        filled = kernels.first_gains(self.rows, rest, listed, np.empty(m), row_start, tasks, gains)
+        tasks, gains = tasks[:filled].copy(), gains[:filled].copy()
         negative = bool(gains.min(initial=0.0) < 0)
         return GainMatrix(row_start, tasks, gains, np.full(n, -1), np.zeros(n), 0.0, m, negative)
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
-        p = self._prices(prices)
+        T, n, m = self._shape
+        p, eps = self._prices(prices), float(temperature)
         least = p.min(axis=1, keepdims=True)  # every path pays it; without it no weight underflows
         p = p - least
-        w = np.exp(-p / temperature)
-        listing = cheapest_and_rest(p, w, min(self._shape[2], self._count + 32))
-        log_z, usage = soft.soft_paths(
-            self._shape[1],
-            self.rows,
-            self.battery,
-            temperature,
-            p,
-            w,
-            *listing,
-            *self._start,
-            self._chunks(1),
-        )
-        return temperature * log_z - least.sum(), usage
+        smoothing = Smoothing(eps, float(np.exp(-self.cost / eps)), p, np.exp(-p / eps))
+        cheapest = cheapest_and_rest(p, smoothing.weight, min(m, self._count + 32))
+        log_z = np.empty(n)
+        usage, unlisted = summed_in_blocks(
+            soft.soft_paths, n, ((T, m), (T,)), self.rows, self.rule, self.before, smoothing, cheapest, log_z,
+            scratch=partial(soft.make_soft_scratch, T, m, self._most, self.rule.capacity), turns=10.0 * self._turns,
+        )  # fmt: skip
+        usage += unlisted[:, None] * smoothing.weight
+        return eps * log_z - least.sum(), usage
 
     def mean_values(self, prices: FloatArray) -> FloatArray:
         """What each level is worth before each step and after the last, (T + 1, levels + 1): mean of the agents.
@@ -150,23 +160,38 @@ class BatteryPaths:
         Of the paths that follow under `prices`, whose first start of work is paid.
         """
         p = self._prices(prices)
-        values: FloatArray = kernels.mean_values(
-            self._shape[1], self.rows, self.battery, p, kernels.cheapest_tasks(p, self._count)
-        )
-        return values
+        T, n, _ = self._shape
+        (total,) = summed_in_blocks(
+            kernels.add_values, n, ((T + 1, self.rule.capacity + 1),), self.rows, self.rule, p,
+            cheapest_tasks(p, self._count), scratch=self._scratch, turns=self._turns,
+        )  # fmt: skip
+        return total / n
 
     def _first(self, prices: FloatArray) -> tuple[FloatArray, FloatArray]:
         p = self._prices(prices).copy()
         p[0] = 0.0
-        rest, listed = kernels.first_entries(
-            self._shape[1], self.rows, self.battery, p, kernels.cheapest_tasks(p, self._count), *self._start,
-            self._chunks(8),
+        T, n, _ = self._shape
+        rest = np.empty(n)
+        listed = np.full(self.rows.indptr[min(T, 2) * n], -np.inf)
+        in_blocks(
+            kernels.first_entries, n, self.rows, self.rule, self.before, p, cheapest_tasks(p, self._count),
+            rest, listed, scratch=self._scratch, turns=self._turns,
         )  # fmt: skip
         return rest, listed
 
+    def _scratch(self) -> tuple[kernels.Scratch]:
+        T, _, m = self._shape
+        return kernels.make_scratch(T, m, self._most, self.rule.capacity)
+
     @property
-    def _start(self) -> tuple[IntArray, IntArray, bool]:
-        return self.levels, self.ready, self.free
+    def _all_tasks(self) -> np.ndarray:
+        """An empty list of the cheapest tasks: the kernels then look at all, once, which is cheaper for few agents."""
+        return np.empty((self._shape[0], 0), dtype=np.int32)
+
+    @property
+    def _turns(self) -> float:
+        T, n, _ = self._shape
+        return 3.0 * (self.rule.capacity + 1) * (self.rows.data.size + T * n)
 
     def _prices(self, prices: FloatArray) -> FloatArray:
         T, _, m = self._shape
@@ -174,9 +199,6 @@ class BatteryPaths:
         if p.shape != (T, m):
             raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
         return p
-
-    def _chunks(self, per_thread: int) -> int:
-        return min(max(1, self._shape[1]), per_thread * int(numba.get_num_threads()))
 
 
 def leftover(

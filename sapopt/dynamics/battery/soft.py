@@ -1,4 +1,4 @@
-"""Soft longest paths of agents on batteries: the recursion of `battery_paths_kernels` with sums for maxima.
+"""Log-sum-exp smoothing for agents on batteries: the recursion of `hard` with sums for maxima.
 
 Backwards the logarithms of the weights of what follows are kept for every level by themselves: an agent with a full
 battery has gained less so far and will gain more later than an empty one, by far more than a float of one common scale
@@ -6,278 +6,329 @@ can hold. Within a level all places differ by no more than the cost of a move, s
 their ratio ``x = X / N``. Forwards the probabilities of levels and places are carried along the conditional
 probabilities that the backward weights give; they need no scale.
 
-With ``q = exp(-cost / eps)``, w_k[j] = exp(-price_k[j] / eps), U_k the sum of w over the tasks without an entry, and
-``g_e = exp((benefit - price) / eps)``:
+With ``move = exp(-cost / eps)``, weight_k[j] = exp(-price_k[j] / eps), U_k the sum of the weights of the tasks without
+an entry, and ``g_e = exp((benefit - price) / eps)``, l' the level after work and l'' that after charging:
 
-    N_k[l] = q sum_e X_k[l, e] + U_k N_{k+1}[l''] + (1 - q) sum_e' w_k[j'] X_{k+1}[l'', e'],
-    X_k[l, e] = g_e (N_{k+1}[l'] + (1 - q) X_{k+1}[l', entry of the same task]).
+    N_k[l] = move sum_e X_k[l, e] + U_k N_{k+1}[l''] + (1 - move) sum_e' weight_k[j'] X_{k+1}[l'', e'],
+    X_k[l, e] = g_e (N_{k+1}[l'] + (1 - move) X_{k+1}[l', entry of the same task]).
 
-An agent that is ready for entry e gets ``N + (1 - q) X[e]``, so every path counts once.
+An agent that is ready for entry e gets ``N + (1 - move) X[e]``, so every path counts once.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, prange
+from typing import NamedTuple
 
-from sapopt.dynamics.battery.hard import most_entries
+import numpy as np
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.jit import njit
 
 _FAST = {"nnan", "nsz", "reassoc", "contract"}
 _SWAMPED = 100.0  # occupancy that is added and taken off again; beyond it the tasks are visited one by one
 
 
-@njit(cache=True)
-def _idle_sums(i, n, rows, w, cheapest, tail, rank, mark, U):
-    """Sum of w over the tasks without an entry at every step; the cheapest are added one by one, see `tail`."""
-    indptr, indices = rows[0], rows[1]
-    count = cheapest.shape[1]
-    for k in range(w.shape[0]):
+class SoftScratch(NamedTuple):
+    """Work arrays of one agent at a time; its entries lie end to end, step by step.
+
+    Attributes
+    ----------
+    log_paid : (T + 1, levels + 1) float64
+        Logarithms of N.
+    ratio : (most entries, levels + 1) float64
+        X / N for entries of a positive benefit.
+    gain : (most entries,) float64
+        Weight of benefit less price; for a positive benefit relative to the best of its step, `top`.
+    wait : (most entries,) float64
+        Weight of standing on the entry's task one step before without working; 0 where that makes nothing ready.
+    offset : (T + 1,) int64
+        Where the entries of a step begin.
+    unlisted : (T,) float64
+        U, sum of the weights of the tasks without an entry.
+    idle : (T,) float64
+        Sum of the weights of all places of an agent that does not work.
+    everywhere : (T,) float64
+        The same for an agent without charge, which works nowhere.
+    top : (T,) float64
+        Best benefit less price, at least 0.
+    ready : (most entries, levels + 1) float64
+        Probability of being ready for an entry, by level; after a level was dealt with, divided by what being ready
+        was worth, see `_forward`.
+    not_ready, after : (levels + 1,) float64
+        Probability of being ready for nothing, before and after the step.
+    mark : (m,) int64
+        Row that saw a task last, -1 at first.
+    """
+
+    log_paid: FloatArray
+    ratio: FloatArray
+    gain: FloatArray
+    wait: FloatArray
+    offset: IntArray
+    unlisted: FloatArray
+    idle: FloatArray
+    everywhere: FloatArray
+    top: FloatArray
+    ready: FloatArray
+    not_ready: FloatArray
+    after: FloatArray
+    mark: IntArray
+
+
+def make_soft_scratch(T: int, m: int, most: int, capacity: int) -> tuple[SoftScratch]:
+    """Work arrays of one thread, for agents of at most `most` entries."""
+    levels = capacity + 1
+    return (
+        SoftScratch(
+            np.empty((T + 1, levels)), np.empty((most, levels)), np.empty(most), np.empty(most),
+            np.empty(T + 1, np.int64), np.empty(T), np.empty(T), np.empty(T), np.empty(T),
+            np.empty((most, levels)), np.empty(levels), np.empty(levels), np.full(m, -1, np.int64),
+        ),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def soft_paths(begin, end, rows, rule, before, smoothing, cheapest, log_z, scratch, usage, unlisted):
+    """Smoothed values of the agents of a block: fills `log_z` (n,), adds to `usage` (T, m) and `unlisted` (T,).
+
+    The expected use of the tasks is ``usage[k, j] + unlisted[k] * weight[k, j]``, as in
+    `sapopt.dynamics.switching.soft_idle`.
+    """
+    for i in range(begin, end):
+        _idle_sums(i, rows, smoothing.weight, cheapest, scratch)
+        if _backward(i, rows, rule, smoothing, scratch):
+            log_z[i] = _forward(i, rows, rule, before, smoothing, scratch, usage, unlisted)
+        else:
+            log_z[i] = -np.inf
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _idle_sums(i, rows, weight, cheapest, scratch):
+    """Fill `scratch.unlisted`; the cheapest tasks are added one by one, see `cheapest_and_rest`."""
+    n, indptr, indices = rows.n, rows.indptr, rows.indices
+    mark = scratch.mark
+    count = cheapest.tasks.shape[1]
+    for k in range(weight.shape[0]):
         r = k * n + i
-        total = tail[k]
+        total = cheapest.rest[k]
         for e in range(indptr[r], indptr[r + 1]):
             j = indices[e]
             mark[j] = r
-            if rank[k, j] >= count:
-                total -= w[k, j]
+            if cheapest.rank[k, j] >= count:
+                total -= weight[k, j]
         total = max(total, 0.0)
         for c in range(count):
-            j = cheapest[k, c]
+            j = cheapest.tasks[k, c]
             if mark[j] != r:
-                total += w[k, j]
-        U[k] = total
+                total += weight[k, j]
+        scratch.unlisted[k] = total
 
 
-@njit(cache=True, fastmath=_FAST)
-def _backward(i, n, rows, battery, eps, prices, w, U, logN, x, gain, wait, idle, D, offset):
-    """Fill logN (T+1, levels+1), the ratios x (entries, levels+1), and per entry `gain` (relative to the step's best
-    net benefit, which is D[k, 1]) and `wait`, the weight of standing on its task one step before."""
-    indptr, indices, data, follow, back = rows
-    cost, drain, charge, capacity, entries, end = battery
+@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+def _backward(i, rows, rule, smoothing, scratch):
+    """Fill `scratch` by the recursion of N and X, see the module; False if an agent with charge has no path.
+
+    For one level l, with l' = worked and l'' = rested, both terms are taken relative to the larger of N_{k+1}[l']
+    (times the step's best gain) and N_{k+1}[l'']: ``scale_worked`` and ``scale_rested`` are 1 and less than 1.
+    """
+    n, indptr, indices, data, follow, back = rows
+    cost, drain, charge, capacity, entries, end = rule
+    eps, move, prices, weight = smoothing.temperature, smoothing.move, smoothing.prices, smoothing.weight
+    log_paid, ratio, offset = scratch.log_paid, scratch.ratio, scratch.offset
+    gain, wait, idle = scratch.gain, scratch.wait, scratch.idle
     T = prices.shape[0]
-    q = np.exp(-cost / eps)
     offset[0] = 0
     for k in range(T):
         offset[k + 1] = offset[k] + indptr[k * n + i + 1] - indptr[k * n + i]
-    logN[T] = end / eps
+    for level in range(capacity + 1):
+        log_paid[T, level] = end[level] / eps
     for k in range(T - 1, -1, -1):
         r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
+        here = offset[k] - lo  # place of an entry less its number
         top = 0.0
         for e in range(lo, hi):
             if data[e] > 0.0:
                 top = max(top, data[e] - prices[k, indices[e]])
-        idle[k] = U[k]
-        alive_or_dead = U[k]
+        idle[k] = scratch.unlisted[k]
+        everywhere = scratch.unlisted[k]
         for e in range(lo, hi):
             j = indices[e]
-            z = offset[k] + e - lo
+            at = here + e
+            wait[at] = 0.0
             if data[e] > 0.0:
-                gain[z] = np.exp((data[e] - prices[k, j] - top) / eps)
-                alive_or_dead += w[k, j]
+                gain[at] = np.exp((data[e] - prices[k, j] - top) / eps)
+                everywhere += weight[k, j]
             else:
-                gain[z] = np.exp((data[e] - prices[k, j]) / eps)
-                idle[k] += gain[z]
-                alive_or_dead += gain[z]
-            wait[z] = 0.0
+                # Nothing to work on: a place like the others, with a benefit of its own.
+                gain[at] = np.exp((data[e] - prices[k, j]) / eps)
+                idle[k] += gain[at]
+                everywhere += gain[at]
             if k > 0 and data[e] > 0.0 and not entries:
                 if back[e] < 0:
-                    wait[z] = w[k - 1, j]
+                    wait[at] = weight[k - 1, j]
                 elif not data[back[e]] > 0.0:
-                    wait[z] = np.exp((data[back[e]] - prices[k - 1, j]) / eps)
-        D[k, 0] = alive_or_dead
-        D[k, 1] = top
+                    wait[at] = np.exp((data[back[e]] - prices[k - 1, j]) / eps)
+        scratch.everywhere[k] = everywhere
+        scratch.top[k] = top
         later = offset[k + 1]
         next_lo = indptr[r + n] if k + 1 < T else 0
         width = offset[k + 2] - later if k + 1 < T else 0
-        logN[k, 0] = logN[k + 1, 0] + np.log(alive_or_dead)
+        log_paid[k, 0] = log_paid[k + 1, 0] + np.log(everywhere)
         for e in range(lo, hi):
-            x[offset[k] + e - lo, 0] = 0.0
+            ratio[here + e, 0] = 0.0
         for level in range(1, capacity + 1):
             worked, rested = max(level - drain, 0), min(level + charge, capacity)
-            a = logN[k + 1, worked] + top / eps
-            b = logN[k + 1, rested]
-            high = max(a, b)
-            scale_a = 1.0 if a == high else np.exp(a - high)
-            scale_b = 1.0 if b == high else np.exp(b - high)
+            log_worked = log_paid[k + 1, worked] + top / eps
+            log_rested = log_paid[k + 1, rested]
+            high = max(log_worked, log_rested)
+            scale_worked = 1.0 if log_worked == high else np.exp(log_worked - high)
+            scale_rested = 1.0 if log_rested == high else np.exp(log_rested - high)
             total = 0.0
             for e in range(lo, hi):
                 if data[e] > 0.0:
-                    z = offset[k] + e - lo
                     v = 1.0
                     if follow[e] >= 0:
-                        v += (1.0 - q) * x[later + follow[e] - next_lo, worked]
-                    x[z, level] = gain[z] * v * scale_a
-                    total += x[z, level]
+                        v += (1.0 - move) * ratio[later + follow[e] - next_lo, worked]
+                    ratio[here + e, level] = gain[here + e] * v * scale_worked
+                    total += ratio[here + e, level]
             places = idle[k]
-            for z in range(later, later + width):
-                if wait[z] > 0.0:
-                    places += wait[z] * (1.0 - q) * x[z, rested]
-            total = q * total + scale_b * places
+            for at in range(later, later + width):
+                if wait[at] > 0.0:
+                    places += wait[at] * (1.0 - move) * ratio[at, rested]
+            total = move * total + scale_rested * places
             if not total > 0.0:
                 return False
             inverse = 1.0 / total
             for e in range(lo, hi):
                 if data[e] > 0.0:
-                    x[offset[k] + e - lo, level] *= inverse
-            logN[k, level] = high + np.log(total)
+                    ratio[here + e, level] *= inverse
+            log_paid[k, level] = high + np.log(total)
     return True
 
 
-@njit(cache=True, fastmath=_FAST)
-def _forward(
-    i, n, rows, battery, eps, w, U, start, logN, x, gain, wait, idle, D, offset, at, usage, free_usage
-):
-    """Add one agent's expected use of the tasks; returns log Z. `at` holds the probabilities of ready entries."""
-    indptr, indices, data, follow, back = rows
-    cost, drain, charge, capacity, entries, end = battery
-    T, m = w.shape
-    q = np.exp(-cost / eps)
-    level0, ready, free = start
-    none = np.zeros(capacity + 1)
-    none_next = np.zeros(capacity + 1)
-    for z in range(offset[T]):
-        at[z, :] = 0.0
-    # log Z, and where the agent starts
+@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+def _forward(i, rows, rule, before, smoothing, scratch, usage, unlisted):
+    """Add one agent's expected use of the tasks; returns log Z.
+
+    The state is a level and what the agent is ready for: an entry, or nothing (`not_ready`). At level l before step k
+    the weights of what may follow are, relative to N_k[l],
+
+        1                               ready for nothing,
+        1 + (1 - move) ratio[e, l]      ready for entry e.
+
+    So every agent may be taken for one that pays for whatever it starts, with the probability `common` = not_ready +
+    sum_e ready[e] / (1 + (1 - move) ratio[e, l]); what being ready for e adds is working on e alone. Then
+
+        P(works on e)   = (move common + (1 - move) ready[e] / (1 + (1 - move) ratio[e, l])) ratio[e, l]
+        P(rests on j)   = common N_{k+1}[l''] / N_k[l] times the weight of j, and what follows from being there.
+    """
+    n, indptr, indices, data, follow, back = rows
+    cost, drain, charge, capacity, entries, end = rule
+    move, weight = smoothing.move, smoothing.weight
+    log_paid, ratio, offset = scratch.log_paid, scratch.ratio, scratch.offset
+    gain, wait, ready = scratch.gain, scratch.wait, scratch.ready
+    not_ready, after = scratch.not_ready, scratch.after
+    T, m = weight.shape
+    for at in range(offset[T]):
+        for level in range(capacity + 1):
+            ready[at, level] = 0.0
+    for level in range(capacity + 1):
+        not_ready[level] = 0.0
     lo, hi = indptr[i], indptr[i + 1]
-    log_z = logN[0, level0]
+    first_level = before.levels[i]
+    # At the first step an agent may be ready for several entries at once (all of them, if nobody pays): `extra` is
+    # what follows relative to N_0, and `common` below starts as its inverse.
     extra = 1.0
-    if level0 > 0:
+    if first_level > 0:
         for e in range(lo, hi):
-            if data[e] > 0.0 and (free or indices[e] == ready):
-                extra += (1.0 - q) * x[e - lo, level0]
-    log_z += np.log(extra)
-    none[level0] = 1.0
+            if data[e] > 0.0 and (before.free or indices[e] == before.ready[i]):
+                extra += (1.0 - move) * ratio[e - lo, first_level]
+    log_z = log_paid[0, first_level] + np.log(extra)
+    not_ready[first_level] = 1.0
     for k in range(T):
         r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
+        here = offset[k] - lo
         later = offset[k + 1]
         next_lo = indptr[r + n] if k + 1 < T else 0
         next_hi = indptr[r + n + 1] if k + 1 < T else 0
         for level in range(capacity + 1):
-            none_next[level] = 0.0
-        factor = 0.0  # of w, on the tasks without an entry
-        dead = none[0]
+            after[level] = 0.0
+        factor = 0.0  # times the weight: the use of a task without an entry
+        # Level 0 is dead for good: it stands anywhere.
+        dead = not_ready[0]
         for e in range(lo, hi):
-            dead += at[offset[k] + e - lo, 0]
+            dead += ready[here + e, 0]
         if dead > 0.0:
-            dead /= D[k, 0]
-            none_next[0] += dead * D[k, 0]
+            after[0] += dead
+            dead /= scratch.everywhere[k]
             for e in range(lo, hi):
                 j = indices[e]
-                usage[k, j] += dead * (w[k, j] if data[e] > 0.0 else gain[offset[k] + e - lo])
+                usage[k, j] += dead * (weight[k, j] if data[e] > 0.0 else gain[here + e])
             factor += dead
         for level in range(1, capacity + 1):
-            # Everyone as if he paid for whatever he starts; what being ready adds is x alone.
-            common = none[level]
-            present = none[level]
+            common = not_ready[level]
+            present = not_ready[level]
             if k == 0:
                 common /= extra
             for e in range(lo, hi):
-                z = offset[k] + e - lo
-                if data[e] > 0.0 and at[z, level] > 0.0:
-                    present += at[z, level]
-                    at[z, level] /= 1.0 + (1.0 - q) * x[z, level]
-                    common += at[z, level]
+                at = here + e
+                if data[e] > 0.0 and ready[at, level] > 0.0:
+                    present += ready[at, level]
+                    ready[at, level] /= 1.0 + (1.0 - move) * ratio[at, level]
+                    common += ready[at, level]
             if not present > 1e-16:
                 continue
             worked, rested = max(level - drain, 0), min(level + charge, capacity)
             for e in range(lo, hi):
                 if not data[e] > 0.0:
                     continue
-                z = offset[k] + e - lo
-                mass = q * common
+                at = here + e
+                mass = move * common
                 if k == 0:
-                    if common > 0.0 and (free or indices[e] == ready):
-                        mass += (1.0 - q) * common
+                    if common > 0.0 and (before.free or indices[e] == before.ready[i]):
+                        mass += (1.0 - move) * common
                 else:
-                    mass += (1.0 - q) * at[z, level]
-                mass *= x[z, level]
+                    mass += (1.0 - move) * ready[at, level]
+                mass *= ratio[at, level]
                 usage[k, indices[e]] += mass
                 if follow[e] >= 0:
-                    at[later + follow[e] - next_lo, worked] += mass
+                    ready[later + follow[e] - next_lo, worked] += mass
                 else:
-                    none_next[worked] += mass
-            rate = common * np.exp(logN[k + 1, rested] - logN[k, level])
+                    after[worked] += mass
+            rate = common * np.exp(log_paid[k + 1, rested] - log_paid[k, level])
             factor += rate
-            spread = idle[k]
+            spread = scratch.idle[k]  # weight of the places that make ready for nothing
             for e in range(lo, hi):
-                z = offset[k] + e - lo
                 if not data[e] > 0.0:
-                    usage[k, indices[e]] += rate * gain[z]
+                    usage[k, indices[e]] += rate * gain[here + e]
+            # Who stands on a task with work at the next step is ready for it, and the likelier there for that.
             for e in range(next_lo, next_hi):
-                z = later + e - next_lo
-                if wait[z] > 0.0:
-                    mass = rate * wait[z] * (1.0 + (1.0 - q) * x[z, rested])
-                    at[z, rested] += mass
-                    usage[k, indices[e]] += mass - rate * wait[z]
-                    spread -= wait[z]
-            none_next[rested] += rate * max(spread, 0.0)
+                at = later + e - next_lo
+                if wait[at] > 0.0:
+                    mass = rate * wait[at] * (1.0 + (1.0 - move) * ratio[at, rested])
+                    ready[at, rested] += mass
+                    usage[k, indices[e]] += mass - rate * wait[at]
+                    spread -= wait[at]
+            after[rested] += rate * max(spread, 0.0)
         # Tasks without an entry: added to all, taken off those with one, where that does not swamp what they have.
         largest = 0.0
         for e in range(lo, hi):
-            largest = max(largest, w[k, indices[e]])
+            largest = max(largest, weight[k, indices[e]])
         if factor * largest > _SWAMPED:
             p = lo
             for j in range(m):
                 if p < hi and indices[p] == j:
                     p += 1
                 else:
-                    usage[k, j] += factor * w[k, j]
+                    usage[k, j] += factor * weight[k, j]
         else:
-            free_usage[k] += factor
+            unlisted[k] += factor
             for e in range(lo, hi):
-                usage[k, indices[e]] -= factor * w[k, indices[e]]
+                usage[k, indices[e]] -= factor * weight[k, indices[e]]
         for level in range(capacity + 1):
-            none[level] = none_next[level]
+            not_ready[level] = after[level]
     return log_z
-
-
-@njit(cache=True, parallel=True)
-def soft_paths(n, rows, battery, eps, prices, w, cheapest, tail, rank, levels, ready, free, chunks):
-    """All agents: (log Z (n,), usage (T, m)); the weights as in `sapopt.dynamics.switching.soft_idle`."""
-    T, m = prices.shape
-    capacity = battery[3]
-    most = most_entries(rows[0], n, T)
-    log_z = np.empty(n)
-    usages = np.zeros((chunks, T, m))
-    frees = np.zeros((chunks, T))
-    for c in prange(chunks):
-        logN = np.empty((T + 1, capacity + 1))
-        x, at = np.empty((most, capacity + 1)), np.empty((most, capacity + 1))
-        gain, wait = np.empty(most), np.empty(most)
-        U, idle, D = np.empty(T), np.empty(T), np.empty((T, 2))
-        mark, offset = np.full(m, -1), np.empty(T + 1, np.int64)
-        for i in range(c, n, chunks):
-            _idle_sums(i, n, rows, w, cheapest, tail, rank, mark, U)
-            if not _backward(i, n, rows, battery, eps, prices, w, U, logN, x, gain, wait, idle, D, offset):
-                log_z[i] = -np.inf
-                continue
-            start = (levels[i], ready[i], free)
-            log_z[i] = _forward(
-                i,
-                n,
-                rows,
-                battery,
-                eps,
-                w,
-                U,
-                start,
-                logN,
-                x,
-                gain,
-                wait,
-                idle,
-                D,
-                offset,
-                at,
-                usages[c],
-                frees[c],
-            )
-    usage = usages.sum(axis=0)
-    free_usage = frees.sum(axis=0)
-    for k in range(T):
-        for j in range(m):
-            usage[k, j] += free_usage[k] * w[k, j]
-    return log_z, usage

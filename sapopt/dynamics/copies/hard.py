@@ -6,7 +6,8 @@ R + 1 (only before the first step) that the first step is free.
 """
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 
 @njit(cache=True, nogil=True, inline="always")

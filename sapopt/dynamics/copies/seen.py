@@ -5,7 +5,8 @@ then alike but for their prices, lead to the state "none", and cost the same fro
 """
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 
 @njit(cache=True, nogil=True, inline="always")

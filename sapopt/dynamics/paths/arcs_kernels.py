@@ -7,7 +7,8 @@ pass serves every state an agent may start in.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 
 @njit(cache=True, inline="always")

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numba import njit, prange
 
 from sapopt.data.feasibility import InfeasibleError, explain_infeasible
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.oracles import PathOracle
+from sapopt.kernels.jit import njit
+from sapopt.kernels.windows import fill_sorted
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,60 +98,72 @@ def waiting_dues(prices: FloatArray, excluded: np.ndarray) -> FloatArray:
     return dues
 
 
-@njit(cache=True, parallel=True)
-def slot_values(indptr, entry_slot, data, slot_ptr, slot_task, cost, start, prices, waits, wait_price):
-    """Value of every slot, and of leaving: (values (slots,), leave (n, T)); `wait_price` as `parking_table`.
+@njit(cache=True, nogil=True)
+def slot_values(begin, end, window, slots, prices, waiting, values, leave):
+    """Value of every slot, and of leaving: fills `values` (slots,) and `leave` (n, T) for the agents of a block.
 
-    Without `waits` every task is a slot, and `leave` means nothing.
+    Backwards in time, with ``leave[b]``, the best value from step b + 1 on after a move, and the price of waiting:
+
+        future_k[s] = benefit_k[s] + max(future_{k+1}[s] - price_{k+1}[s], leave[k])
+
+    `leave` holds zeros on entry; where every task is a slot it means nothing.
     """
+    n, indptr, data, cost = window.n, window.indptr, window.data, window.cost
+    entry = slots.entry
     T = prices.shape[0]
-    n = slot_ptr.size - 1
-    values = np.zeros(slot_task.size)
-    leave = np.zeros((n, T))
-    for i in prange(n):
-        slots = slot_task[slot_ptr[i] : slot_ptr[i + 1]]
-        future = values[slot_ptr[i] : slot_ptr[i + 1]]
+    for i in range(begin, end):
+        tasks = slots.task[slots.ptr[i] : slots.ptr[i + 1]]
+        future = values[slots.ptr[i] : slots.ptr[i + 1]]
+        for s in range(tasks.size):
+            future[s] = 0.0
         for k in range(T - 1, -1, -1):
             if k > 0:
-                for s in range(slots.size):
-                    future[s] -= prices[k, slots[s]]
+                for s in range(tasks.size):
+                    future[s] -= prices[k, tasks[s]]
             r = k * n + i
             for e in range(indptr[r], indptr[r + 1]):
-                future[entry_slot[e]] += data[e]
+                future[entry[e]] += data[e]
             if k > 0:
                 best = -np.inf
-                for s in range(slots.size):
+                for s in range(tasks.size):
                     best = max(best, future[s])
-                if waits:
-                    best = max(best, -wait_price[k, T])
+                if waiting.shared:
+                    best = max(best, -waiting.price[k, T])
                     for b in range(k + 1, T):
-                        best = max(best, leave[i, b - 1] - wait_price[k, b])
+                        best = max(best, leave[i, b - 1] - waiting.price[k, b])
                 leave[i, k - 1] = best - cost
-                for s in range(slots.size):
+                for s in range(tasks.size):
                     future[s] = max(future[s], best - cost)
-            elif start[i] >= 0:
-                for s in range(slots.size):
-                    if slots[s] != start[i]:
+            elif window.held[i] >= 0:
+                for s in range(tasks.size):
+                    if tasks[s] != window.held[i]:
                         future[s] -= cost
-        if start[i] >= 0:
+        if window.held[i] >= 0:
             for b in range(T):
                 leave[i, b] -= cost
-    return values, leave
 
 
-@njit(cache=True)
-def sorted_rows(slot_ptr, slot_task, values, leave, dues):
-    """Rows of the slots that are worth more than waiting there, by decreasing value: (row_start, tasks, values)."""
+def sorted_rows(slots: Any, values: FloatArray, leave: FloatArray, dues: FloatArray) -> FirstRows:
+    """The rows of the slots that are worth more than waiting there, by decreasing value.
+
+    `slots` are those of `sapopt.dynamics.switching.layout`, `values` and `leave` as from `slot_values`.
+    """
+    row_start = np.zeros(len(leave) + 1, dtype=np.int64)
+    tasks, worth = slots.task.copy(), values.copy()
+    total = np.empty(int(tasks.max(initial=0)) + 1)
+    filled = _sort_rows(slots.ptr, np.ascontiguousarray(leave), dues, row_start, tasks, worth, total)
+    return FirstRows(row_start, tasks[:filled].copy(), worth[:filled].copy(), leave, dues)
+
+
+@njit(cache=True, nogil=True)
+def _sort_rows(ptr, leave, dues, row_start, tasks, worth, total):
+    """Drop the slots that are worth no more than waiting, and sort the rows, in place; returns how many are left."""
     n, hubs = leave.shape
-    row_start = np.zeros(n + 1, np.int64)
-    tasks = np.empty(slot_task.size, np.int32)
-    worth = np.empty(slot_task.size)
     filled = 0
     for i in range(n):
         begin = filled
-        for s in range(slot_ptr[i], slot_ptr[i + 1]):
-            j = slot_task[s]
-            value = values[s]
+        for s in range(ptr[i], ptr[i + 1]):
+            j, value = tasks[s], worth[s]
             listed = value > -np.inf
             for b in range(hubs):
                 if leave[i, b] - dues[b, j] >= value:
@@ -158,10 +171,8 @@ def sorted_rows(slot_ptr, slot_task, values, leave, dues):
                     break
             if listed:
                 tasks[filled] = j
-                worth[filled] = value
+                total[j] = value
                 filled += 1
-        order = np.argsort(-worth[begin:filled], kind="mergesort")
-        tasks[begin:filled] = tasks[begin:filled][order]
-        worth[begin:filled] = worth[begin:filled][order]
+        fill_sorted(tasks, worth, total, begin, filled)
         row_start[i + 1] = filled
-    return row_start, tasks[:filled], worth[:filled]
+    return filled

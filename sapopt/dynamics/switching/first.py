@@ -10,19 +10,26 @@ without conflicts, while the prices stand for the competition at the later ones.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+
+from sapopt.kernels.jit import njit
 
 
-@njit(cache=True, parallel=True)
-def first_values(indptr, indices, data, n, cost, idle_is_free, start, prices):
-    """Uniform cost: (n, m) values, by the recursion backwards in time over all tasks."""
+@njit(cache=True, nogil=True)
+def first_values(begin, end, window, idle_is_free, prices, out, charge):
+    """Uniform cost: fill the rows of `out` (n, m), by the recursion backwards in time over all tasks.
+
+    ``future_k[j] = benefit_k[j] + max(future_{k+1}[j], max_a future_{k+1}[a] - charge_{k+1}[a])``, less the price of
+    the later steps. `charge` (m,) is scratch.
+    """
+    n, indptr, indices, data, cost = window.n, window.indptr, window.indices, window.data, window.cost
     T, m = prices.shape
-    out = np.zeros((n, m))
-    for i in prange(n):
+    for i in range(begin, end):
         future = out[i]  # best value of the steps after the current one, by the task held at it
-        charge = np.empty(m)
+        for j in range(m):
+            future[j] = 0.0
         for k in range(T - 1, -1, -1):
-            charge[:] = 0.0 if idle_is_free else cost
+            for j in range(m):
+                charge[j] = 0.0 if idle_is_free else cost
             if k > 0:
                 for j in range(m):
                     future[j] -= prices[k, j]
@@ -36,24 +43,24 @@ def first_values(indptr, indices, data, n, cost, idle_is_free, start, prices):
                     enter = max(enter, future[j] - charge[j])
                 for j in range(m):
                     future[j] = max(future[j], enter)
-            elif start[i] >= 0:
+            elif window.held[i] >= 0:
                 for j in range(m):
-                    if j != start[i]:
+                    if j != window.held[i]:
                         future[j] -= charge[j]
-    return out
 
 
-@njit(cache=True, parallel=True)
-def first_values_matrix(indptr, indices, data, n, cost, idle_is_free, start, prices):
-    """Matrix cost: (n, m) values, O(T m^2) an agent."""
+@njit(cache=True, nogil=True)
+def first_values_matrix(begin, end, window, idle_is_free, prices, out, old, free):
+    """Matrix cost, O(T m^2) an agent: fill the rows of `out` (n, m); `old` (m,) and `free` (m,) bool are scratch."""
+    n, indptr, indices, data, cost = window.n, window.indptr, window.indices, window.data, window.cost
     T, m = prices.shape
-    out = np.zeros((n, m))
-    for i in prange(n):
+    for i in range(begin, end):
         future = out[i]
-        old = np.empty(m)
-        free = np.empty(m, np.bool_)
+        for j in range(m):
+            future[j] = 0.0
         for k in range(T - 1, -1, -1):
-            free[:] = idle_is_free
+            for j in range(m):
+                free[j] = idle_is_free
             if k > 0:
                 for j in range(m):
                     future[j] -= prices[k, j]
@@ -62,7 +69,8 @@ def first_values_matrix(indptr, indices, data, n, cost, idle_is_free, start, pri
                 if data[e] > 0.0:
                     free[indices[e]] = False
             if k > 0:
-                old[:] = future
+                for j in range(m):
+                    old[j] = future[j]
                 for a in range(m):
                     best = old[a]
                     for j in range(m):
@@ -70,8 +78,7 @@ def first_values_matrix(indptr, indices, data, n, cost, idle_is_free, start, pri
                         if v > best:
                             best = v
                     future[a] = best
-            elif start[i] >= 0:
+            elif window.held[i] >= 0:
                 for j in range(m):
                     if not free[j]:
-                        future[j] -= cost[start[i], j]
-    return out
+                        future[j] -= cost[window.held[i], j]

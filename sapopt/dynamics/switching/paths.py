@@ -1,47 +1,50 @@
 """Path oracles of `SwitchingCost`: the three cost rules, from dense or flat sparse benefits.
 
-`oracle(benefits, dynamics, state)` picks the recursion; see `switching_paths_kernels` for the mathematics.
+`oracle(benefits, dynamics, state)` picks the recursion; see `sapopt.dynamics.switching.hard` for the mathematics.
 """
 
 from __future__ import annotations
 
 import copy
+from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths import first_rows as rows
 from sapopt.dynamics.paths.first_rows import FirstRows
 from sapopt.dynamics.paths.oracles import PathOracle
+from sapopt.dynamics.paths.rows import Smoothing, cheapest_and_rest, cheapest_tasks, most_entries, widest_row
 from sapopt.dynamics.paths.window import flat_benefits
 from sapopt.dynamics.switching import first as first
 from sapopt.dynamics.switching import hard as kernels
 from sapopt.dynamics.switching import narrow as narrow
 from sapopt.dynamics.switching import soft_idle as soft_idle
 from sapopt.dynamics.switching import soft_strict as soft
+from sapopt.dynamics.switching.layout import Slots, Waiting, Window
+from sapopt.kernels.blocks import in_blocks, summed_in_blocks
 
 
 class _Switching:
     """Common part: the window's benefits, the tasks held before it, and the checks."""
 
-    def __init__(self, benefits: Any, state: Any) -> None:
-        self.indptr, self.indices, self.data, self._shape = flat_benefits(benefits)
+    def __init__(self, benefits: Any, cost: Any, state: Any) -> None:
+        indptr, indices, data, self._shape = flat_benefits(benefits)
         _, n, m = self._shape
-        if np.isnan(self.data).any() or np.isposinf(self.data).any():
+        if np.isnan(data).any() or np.isposinf(data).any():
             raise ValueError("benefits: NaN or +inf found; use finite numbers, or -inf for a forbidden pair")
-        finite = self.data[np.isfinite(self.data)]
+        finite = data[np.isfinite(data)]
         self._scale = float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
-        self.start = np.full(n, -1, dtype=np.int64)
+        start = np.full(n, -1, dtype=np.int64)
         if state is not None:
             held = np.asarray(state, dtype=np.int64)
             if held.shape != (n,) or (n and (held.min() < 0 or held.max() >= m)):
                 raise ValueError(
                     f"state: expected the previous task of each of {n} agents, numbers in 0..{m - 1}"
                 )
-            self.start = held.copy()
+            start = held.copy()
+        self.window = Window(n, indptr, indices, data, cost, start)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -60,120 +63,153 @@ class _Switching:
             raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
         return p
 
-    def _rows(self) -> tuple[IntArray, NDArray[np.int32], FloatArray, int]:
-        return self.indptr, self.indices, self.data, self._shape[1]
+    def _smoothing(self, prices: FloatArray, temperature: float) -> Smoothing:
+        p, eps = self._prices(prices), float(temperature)
+        return Smoothing(eps, float(np.exp(-self.window.cost / eps)), p, np.exp(-p / eps))
 
-    def _threads(self) -> int:
-        # every chunk of the soft recursions sums up its own usage (T, m)
-        return min(max(1, self._shape[1]), int(numba.get_num_threads()))
+    def _empty_paths(self) -> tuple[FloatArray, IntArray]:
+        """Values (n,) and plan (n, T): the kernels write a path at a time."""
+        T, n, _ = self._shape
+        return np.empty(n), np.empty((n, T), dtype=np.int64)
 
-    def _chunks(self) -> int:
-        # a few chunks a thread even out the agents' different numbers of tasks
-        return min(max(1, self._shape[1]), 8 * int(numba.get_num_threads()))
+    def _uniform_first_values(self, idle_is_free: bool, prices: FloatArray) -> FloatArray:
+        T, n, m = self._shape
+        out = np.empty((n, m))
+        in_blocks(
+            first.first_values, n, self.window, idle_is_free, self._prices(prices), out,
+            scratch=lambda: (np.empty(m),), turns=3.0 * T * n * m,
+        )  # fmt: skip
+        return out
 
 
 class StrictSwitching(_Switching):
     """Every change of task pays the same cost."""
 
     def __init__(self, benefits: Any, cost: float, state: Any) -> None:
-        super().__init__(benefits, state)
-        T, n, m = self._shape
         self.cost = float(cost)
-        # A task with a negative or forbidden entry is no safe parking place, so every agent keeps it as a slot.
+        super().__init__(benefits, self.cost, state)
+        T, n, m = self._shape
+        # A task with a negative or forbidden entry is no safe place to wait, so every agent keeps it as a slot.
         self.excluded = np.zeros(m, dtype=np.bool_)
-        self.excluded[self.indices[self.data < 0.0]] = True
-        always = self.excluded
-        self.slot_ptr, self.slot_task, self.entry_slot = kernels.seen_tasks(
-            self.indptr, self.indices, n, T, m, self.start, always
-        )
-        # The parking table costs O(T^2 m) once and O(T^2) an agent; with few tasks a slot for each is cheaper.
-        self.park = bool(self.slot_task.size / max(n, 1) + T / 2 < m)
-        if not self.park:
-            self.slot_ptr, self.slot_task, self.entry_slot = kernels.seen_tasks(
-                self.indptr, self.indices, n, T, m, self.start, np.ones(m, dtype=np.bool_)
-            )
+        self.excluded[self.window.indices[self.window.data < 0.0]] = True
+        self._set_slots(True)
+        # The table of waiting costs O(T^2 m) once and O(T^2) an agent; with few tasks a slot for each is cheaper.
+        if not self.slots.task.size / max(n, 1) + T / 2 < m:
+            self._set_slots(False)
+
+    def _set_slots(self, park: bool) -> None:
+        """List the slots: of the tasks an agent sees if it waits on the others by the table, else of all tasks."""
+        m = self._shape[2]
+        self.park = park
+        everyone = self.excluded if park else np.ones(m, dtype=np.bool_)
+        self.slots = kernels.find_slots(self.window, m, everyone)
+        self._widest = int(np.diff(self.slots.ptr).max(initial=1))
+        self._most = most_entries(self.window.indptr, self.window.n)
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
         p = self._prices(prices)
-        if self.park:
-            table, task = kernels.parking_table(p, self.excluded)
-        else:
-            table, task = np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int32)
-        values, plan = kernels.strict_paths(
-            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
-            self.park, table, task, self.excluded, self._chunks(),
+        values, plan = self._empty_paths()
+        in_blocks(
+            kernels.strict_paths, self.window.n, self.window, self.slots, p, self._waiting(p), values, plan,
+            scratch=partial(kernels.strict_scratch, len(p), self._widest), turns=self._turns,
         )  # fmt: skip
-        return values, plan
+        return values, np.ascontiguousarray(plan.T)
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
-        n = self._shape[1]
-        value, path = kernels.strict_path_all_tasks(
-            agent, n, self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
+        T, n, m = self._shape
+        p = self._prices(prices)
+        values, plan = self._empty_paths()
+        # Every task as a slot of this agent: no table to build, the cheapest way to a single path.
+        ptr = np.zeros(n + 1, dtype=np.int64)
+        ptr[agent + 1 :] = m
+        slots = Slots(ptr, np.arange(m, dtype=np.int32), self.window.indices)
+        kernels.strict_paths(
+            agent,
+            agent + 1,
+            self.window,
+            slots,
+            p,
+            self._no_waiting,
+            values,
+            plan,
+            *kernels.strict_scratch(T, m),
         )
-        return float(value), path
+        return float(values[agent]), plan[agent]
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
-        values: FloatArray = first.first_values(
-            *self._rows(), self.cost, False, self.start, self._prices(prices)
-        )
-        return values
+        return self._uniform_first_values(False, prices)
 
     def first_rows(self, prices: FloatArray) -> FirstRows:
         """`first_values` in sparse form."""
         p = self._prices(prices)
-        table = kernels.parking_table(p, self.excluded)[0] if self.park else np.zeros((1, 1))
-        values, leave = rows.slot_values(
-            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
-            self.park, table,
+        values, leave = np.empty(self.slots.task.size), np.zeros((self.window.n, len(p)))
+        in_blocks(
+            rows.slot_values, self.window.n, self.window, self.slots, p, self._waiting(p), values, leave,
+            turns=self._turns,
         )  # fmt: skip
         dues = rows.waiting_dues(p, self.excluded)
         if not self.park:  # every task is listed
             leave, dues = leave[:, :0], dues[:0]
-        row_start, tasks, values = rows.sorted_rows(self.slot_ptr, self.slot_task, values, leave, dues)
-        return FirstRows(row_start, tasks, values, leave, dues)
+        return rows.sorted_rows(self.slots, values, leave, dues)
 
     def narrowed(self, prices: FloatArray, regret: float) -> StrictSwitching:
         """The same problem without the benefits that no path within `regret` of its agent's best one collects."""
         p = self._prices(prices)
-        table = kernels.parking_table(p, self.excluded)[0] if self.park else np.zeros((1, 1))
-        near = narrow.near_entries(
-            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, self.start, p,
-            self.park, table, regret, self._chunks(),
+        near = np.zeros(self.window.data.size, dtype=np.bool_)
+        in_blocks(
+            narrow.near_entries, self.window.n, self.window, self.slots, p, self._waiting(p), float(regret), near,
+            scratch=partial(narrow.narrow_scratch, len(p), self._widest), turns=2.0 * self._turns,
         )  # fmt: skip
-        indptr, indices, data = narrow.kept_rows(self.indptr, self.indices, self.data, near)
-        return self._with_entries(self._shape[0], indptr, indices, data, self.start)
+        return self._with_window(len(p), narrow.kept_window(self.window, near))
 
     def blocks(self, length: int) -> list[StrictSwitching]:
         """The problem cut into blocks of `length` steps; the later ones begin with a free step."""
         T, n, _ = self._shape
+        whole = self.window
         found = []
         for begin in range(0, T, length):
             last = min(begin + length, T)
-            starts = self.indptr[begin * n : last * n + 1]
+            starts = whole.indptr[begin * n : last * n + 1]
             entries = slice(starts[0], starts[-1])
-            start = self.start if begin == 0 else np.full(n, -1, dtype=np.int64)
-            found.append(
-                self._with_entries(
-                    last - begin, starts - starts[0], self.indices[entries], self.data[entries], start
-                )
+            part = whole._replace(
+                indptr=starts - starts[0],
+                indices=whole.indices[entries],
+                data=whole.data[entries],
+                held=whole.held if begin == 0 else np.full(n, -1, dtype=np.int64),
             )
+            found.append(self._with_window(last - begin, part))
         return found
 
-    def _with_entries(
-        self, T: int, indptr: IntArray, indices: NDArray[np.int32], data: FloatArray, start: IntArray
-    ) -> StrictSwitching:
+    def _with_window(self, T: int, window: Window) -> StrictSwitching:
         _, n, m = self._shape
         other = copy.copy(self)
         other._shape = T, n, m
-        other.indptr, other.indices, other.data, other.start = indptr, indices, data, start
-        always = self.excluded if self.park else np.ones(m, dtype=np.bool_)
-        other.slot_ptr, other.slot_task, other.entry_slot = kernels.seen_tasks(
-            indptr, indices, n, T, m, start, always
-        )
+        other.window = window
+        other._set_slots(self.park)
         return other
+
+    def _waiting(self, p: FloatArray) -> Waiting:
+        if not self.park:
+            return self._no_waiting
+        T, m = p.shape
+        table = Waiting(True, np.zeros((T, T + 1)), np.zeros((T, T + 1), dtype=np.int32), self.excluded)
+        in_blocks(
+            kernels.waiting_table, T, p, self.excluded, table.price, table.task,
+            scratch=lambda: (np.empty(m),), turns=0.5 * T * T * m,
+        )  # fmt: skip
+        return table
+
+    @property
+    def _no_waiting(self) -> Waiting:
+        return Waiting(False, np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int32), self.excluded)
+
+    @property
+    def _turns(self) -> float:
+        T, n, _ = self._shape
+        return 2.0 * T * self.slots.task.size + (0.5 * n * T * T if self.park else 0.0)
 
     @property
     def coldest(self) -> float:
@@ -182,51 +218,77 @@ class StrictSwitching(_Switching):
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
-        p = self._prices(prices)
-        w = np.exp(-p / temperature)
-        shares = soft.soft_parking(w, self.excluded) if self.park else np.zeros((1, 1))
-        log_z, usage, mass = soft.soft_strict_paths(
-            self.indptr, self.entry_slot, self.data, self.slot_ptr, self.slot_task, self.cost, temperature, self.start,
-            p, w, self.park, shares, self._threads(),
+        T, n, m = self._shape
+        smoothing = self._smoothing(prices, temperature)
+        shares = self._soft_waiting(smoothing) if self.park else np.zeros((1, 1))
+        log_z = np.empty(n)
+        usage, mass = summed_in_blocks(
+            soft.soft_strict_paths, n, ((T, m), (T + 1, T)),
+            self.window, self.slots, smoothing, self.park, shares, log_z,
+            scratch=partial(soft.strict_soft_scratch, T, self._widest, self._most), turns=5.0 * self._turns,
         )  # fmt: skip
         if self.park:
-            usage = usage + soft.spread_parking(p, temperature, self.excluded, shares, mass)
-        return temperature * log_z, usage
+            usage += self._spread(smoothing, shares, mass)
+        return smoothing.temperature * log_z, usage
+
+    def _soft_waiting(self, smoothing: Smoothing) -> FloatArray:
+        T, m = smoothing.weight.shape
+        shares = np.full((T + 1, T), -1e300)
+        in_blocks(
+            soft.soft_waiting, T, smoothing.weight, self.excluded, shares,
+            scratch=lambda: (np.empty(m),), turns=0.5 * T * T * m,
+        )  # fmt: skip
+        return shares
+
+    def _spread(self, smoothing: Smoothing, shares: FloatArray, mass: FloatArray) -> FloatArray:
+        """Usage (T, m) of the agents that wait, from their numbers by interval."""
+        T, m = smoothing.weight.shape
+        counts = mass > 1e-6
+        last = np.where(counts.any(axis=0), T - np.argmax(counts[::-1], axis=0), 0)
+        usage = np.empty((m, T))
+        in_blocks(
+            soft.spread_waiting, m, smoothing, self.excluded, shares, mass, last, usage,
+            scratch=lambda: (np.empty(T), np.empty(T + 1)), turns=0.5 * T * T * m,
+        )  # fmt: skip
+        return usage.T
 
 
 class IdleFreeSwitching(_Switching):
     """Only a move into a positive benefit pays."""
 
     def __init__(self, benefits: Any, cost: float, state: Any) -> None:
-        super().__init__(benefits, state)
-        _, _, m = self._shape
         self.cost = float(cost)
-        widest = int(np.diff(self.indptr).max(initial=0))
-        self._count = min(m, widest + 1)
+        super().__init__(benefits, self.cost, state)
+        self._count = min(self._shape[2], widest_row(self.window.indptr) + 1)
+        self._most = most_entries(self.window.indptr, self.window.n)
+
+    @property
+    def _turns(self) -> float:
+        return 10.0 * self.window.data.size + 20.0 * self._shape[0] * self._shape[1]
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
         p = self._prices(prices)
-        cheapest = kernels.cheapest_tasks(p, self._count)
-        values, plan = kernels.idle_free_paths(
-            *self._rows(), self.cost, self.start, p, cheapest, self._chunks()
-        )
-        return values, plan
+        values, plan = self._empty_paths()
+        in_blocks(
+            kernels.idle_free_paths, self.window.n, self.window, p, cheapest_tasks(p, self._count), values, plan,
+            scratch=partial(kernels.idle_free_scratch, len(p), self._most), turns=self._turns,
+        )  # fmt: skip
+        return values, np.ascontiguousarray(plan.T)
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
-        n = self._shape[1]
-        value, path = kernels.idle_free_path(
-            agent, n, self.indptr, self.indices, self.data, self.cost, self.start[agent], self._prices(prices)
-        )
-        return float(value), path
+        p = self._prices(prices)
+        values, plan = self._empty_paths()
+        kernels.idle_free_paths(
+            agent, agent + 1, self.window, p, np.empty((len(p), 0), dtype=np.int32), values, plan,
+            *kernels.idle_free_scratch(len(p), self._most),
+        )  # fmt: skip
+        return float(values[agent]), plan[agent]
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
-        values: FloatArray = first.first_values(
-            *self._rows(), self.cost, True, self.start, self._prices(prices)
-        )
-        return values
+        return self._uniform_first_values(True, prices)
 
     @property
     def coldest(self) -> float:
@@ -235,47 +297,59 @@ class IdleFreeSwitching(_Switching):
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
-        p = self._prices(prices)
-        w = np.exp(-p / temperature)
-        cheapest, rest, rank = soft_idle.cheapest_and_rest(p, w, min(self._shape[2], self._count + 32))
-        log_z, usage = soft_idle.soft_idle_free_paths(
-            *self._rows(), self.cost, temperature, self.start, p, w, cheapest, rest, rank, self._threads()
-        )
-        return temperature * log_z, usage
+        T, n, m = self._shape
+        smoothing = self._smoothing(prices, temperature)
+        cheapest = cheapest_and_rest(smoothing.prices, smoothing.weight, min(m, self._count + 32))
+        log_z = np.empty(n)
+        usage, unlisted = summed_in_blocks(
+            soft_idle.soft_idle_free_paths, n, ((T, m), (T,)), self.window, smoothing, cheapest, log_z,
+            scratch=partial(soft_idle.idle_soft_scratch, T, m, self._most), turns=10.0 * self._turns,
+        )  # fmt: skip
+        usage += unlisted[:, None] * smoothing.weight
+        return smoothing.temperature * log_z, usage
 
 
 class MatrixSwitching(_Switching):
     """The cost of a move depends on both tasks: O(T m^2) an agent."""
 
     def __init__(self, benefits: Any, cost: FloatArray, idle_is_free: bool, state: Any) -> None:
-        super().__init__(benefits, state)
+        super().__init__(benefits, np.ascontiguousarray(cost, dtype=np.float64), state)
         m = self._shape[2]
-        self.cost = np.ascontiguousarray(cost, dtype=np.float64)
-        if self.cost.shape != (m, m):
-            raise ValueError(f"cost: expected a number or a matrix of shape {(m, m)}, got {self.cost.shape}")
+        if self.window.cost.shape != (m, m):
+            raise ValueError(
+                f"cost: expected a number or a matrix of shape {(m, m)}, got {self.window.cost.shape}"
+            )
         self.idle_is_free = bool(idle_is_free)
-
-    def _paths(self, prices: FloatArray, first: int, last: int) -> tuple[FloatArray, IntArray]:
-        values, plan = kernels.matrix_paths(
-            *self._rows(), self.cost, self.idle_is_free, self.start, self._prices(prices), first, last
-        )
-        return values, plan
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
-        return self._paths(prices, 0, self._shape[1])
+        T, n, m = self._shape
+        values, plan = self._empty_paths()
+        in_blocks(
+            kernels.matrix_paths, n, self.window, self.idle_is_free, self._prices(prices), values, plan,
+            scratch=partial(kernels.matrix_scratch, T, m), turns=float(T * n * m * m),
+        )  # fmt: skip
+        return values, np.ascontiguousarray(plan.T)
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
-        values, plan = self._paths(prices, agent, agent + 1)
-        return float(values[0]), plan[:, 0]
+        T, _, m = self._shape
+        values, plan = self._empty_paths()
+        kernels.matrix_paths(
+            agent, agent + 1, self.window, self.idle_is_free, self._prices(prices), values, plan,
+            *kernels.matrix_scratch(T, m),
+        )  # fmt: skip
+        return float(values[agent]), plan[agent]
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
-        values: FloatArray = first.first_values_matrix(
-            *self._rows(), self.cost, self.idle_is_free, self.start, self._prices(prices)
-        )
-        return values
+        T, n, m = self._shape
+        out = np.empty((n, m))
+        in_blocks(
+            first.first_values_matrix, n, self.window, self.idle_is_free, self._prices(prices), out,
+            scratch=lambda: (np.empty(m), np.empty(m, dtype=np.bool_)), turns=float(T * n * m * m),
+        )  # fmt: skip
+        return out
 
 
 def oracle(benefits: Any, dynamics: Any, state: Any = None) -> PathOracle:

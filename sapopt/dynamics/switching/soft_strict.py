@@ -1,22 +1,28 @@
-"""Soft longest paths under the strict switching cost: log-sum-exp in place of max.
+"""Log-sum-exp smoothing of the longest paths under the strict switching cost.
 
 With temperature eps the value of an agent becomes ``eps log sum_paths exp(value(path) / eps)``, a smooth convex upper
 bound of its longest path whose gradient is the occupancy of (step, task) under the Gibbs distribution of paths. In the
-linear domain the recursion of `switching_paths_kernels` turns into multiplications and additions, with
-q = exp(-cost / eps), w = exp(-price / eps), g = exp(benefit / eps):
+linear domain the recursion of `sapopt.dynamics.switching.hard` turns into multiplications and additions, with
+move = exp(-cost / eps), weight = exp(-price / eps), gain = exp(benefit / eps):
 
-    forward   A_k[j] = w g (A_{k-1}[j] + q sum A_{k-1})
-    backward  B_k[j] = (w g B)_{k+1}[j] + R_k,   R_k = q sum_j (w g B)_{k+1}[j]
+    forward    ahead_k[j] = weight gain (ahead_{k-1}[j] + move sum ahead_{k-1})
+    backward   behind_k[j] = (weight gain behind)_{k+1}[j] + move sum_j (weight gain behind)_{k+1}[j]
 
 Every step is rescaled, so only ratios within one step matter; what underflows there is worse than moving away by far
-more than the cost of a move. Parking on tasks the agent never sees runs over shared intervals, as in the hard
-recursion: ``S[b, a] = sum_j exp(-sum_{a <= k < b} price_k[j] / eps)``.
+more than the cost of a move. Waiting on tasks that the agent never sees runs over shared intervals, as in the hard
+recursion: ``shares[b, a] = log sum_j exp(-sum_{a <= k < b} price_k[j] / eps)``.
 """
+
+# mypy: allow-untyped-defs, allow-untyped-calls
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit, prange
+
+from sapopt.data.types import FloatArray
+from sapopt.kernels.jit import njit
 
 _FAST = {"nnan", "nsz", "reassoc", "contract"}
 
@@ -25,121 +31,198 @@ _FAST = {"nnan", "nsz", "reassoc", "contract"}
 _TINY = -30.0
 
 
-@njit(cache=True, parallel=True, fastmath=_FAST)
-def soft_parking(w, excluded):
-    """log S (T+1, T): S[b, a] = sum over tasks not excluded of the product of w (T, m) over the steps a..b-1."""
-    T, m = w.shape
-    log_S = np.full((T + 1, T), -1e300)
-    for a in prange(T):
-        acc = np.empty(m)
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def soft_waiting(begin, end, weight, excluded, shares, held):
+    """Fill the columns of a block of `shares` (T + 1, T), the logarithms of the weights of waiting.
+
+    ``shares[b, a]`` sums over the tasks not excluded the product of `weight` (T, m) over the steps a .. b - 1; it holds
+    a number close to -inf on entry. `held` (m,) is scratch.
+    """
+    T, m = weight.shape
+    for a in range(begin, end):
         for j in range(m):
-            acc[j] = 0.0 if excluded[j] else 1.0
+            held[j] = 0.0 if excluded[j] else 1.0
         level = 0.0
         factor = 1.0
         for b in range(a + 1, T + 1):
-            row = w[b - 1]
+            row = weight[b - 1]
             total = 0.0
             for j in range(m):
-                v = acc[j] * row[j] * factor
-                acc[j] = v
+                v = held[j] * row[j] * factor
+                held[j] = v
                 total += v
             if not total > 0.0:
                 break
-            log_S[b, a] = level + np.log(total)
+            shares[b, a] = level + np.log(total)
             factor = 1.0
             if total < 1e-100:  # rescale before anything that matters underflows
                 factor = 1.0 / total
                 level += np.log(total)
-    return log_S
 
 
-@njit(cache=True, parallel=True, fastmath=_FAST)
-def spread_parking(prices, eps, excluded, log_S, mass):
-    """Occupancy (T, m) of the parked agents: interval masses `mass` (T+1, T) spread over the tasks by their weight."""
-    T, m = prices.shape
-    occupancy = np.zeros((m, T))
-    last = np.zeros(T, np.int64)
-    for a in range(T):
-        for b in range(a + 1, T + 1):
-            if mass[b, a] > 1e-6:
-                last[a] = b
-    for j in prange(m):
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def spread_waiting(begin, end, smoothing, excluded, shares, mass, last, usage, paid, held):
+    """Fill the rows of a block of tasks of `usage` (m, T): who waits, spread over the tasks by their weight.
+
+    Parameters
+    ----------
+    mass : (T + 1, T) float64
+        Expected number of agents that wait over the steps a .. b - 1, at [b, a].
+    last : (T,) int64
+        Largest b whose mass counts, for every a; 0 if there is none.
+    paid, held : (T,) and (T + 1,) float64
+        Scratch.
+    """
+    eps, prices = smoothing.temperature, smoothing.prices
+    T = prices.shape[0]
+    for j in range(begin, end):
+        for k in range(T):
+            usage[j, k] = 0.0
+            paid[k] = prices[k, j]
         if excluded[j]:
             continue
-        column = prices[:, j].copy()
-        held = np.empty(T + 1)
         for a in range(T):
-            paid = 0.0
+            price = 0.0
             for b in range(a + 1, last[a] + 1):
-                paid += column[b - 1]
+                price += paid[b - 1]
                 held[b] = 0.0
                 if mass[b, a] > 1e-6:
-                    x = -paid / eps - log_S[b, a]
-                    if x > _TINY:
-                        held[b] = np.exp(x) * mass[b, a]
+                    share = -price / eps - shares[b, a]
+                    if share > _TINY:
+                        held[b] = np.exp(share) * mass[b, a]
+            # Whoever leaves at b was there at every step since a.
             total = 0.0
             for k in range(last[a] - 1, a - 1, -1):
                 total += held[k + 1]
-                occupancy[j, k] += total
-    return occupancy.T.copy()
+                usage[j, k] += total
 
 
-@njit(cache=True, fastmath=_FAST)
-def _soft_strict(
-    agent, n, indptr, entry_slot, data, slots, q, eps, start, prices, w, park, log_S,
-    A, scale, enter, leave, level_after, B, gain, usage, mass,
+class StrictSoftScratch(NamedTuple):
+    """Work arrays of `soft_strict_paths`, for at most S slots; an agent's entries lie end to end.
+
+    Attributes
+    ----------
+    ahead : (T, S) float64
+        Weight of all ways that end on a slot, among all ways up to that step.
+    scale : (T, 2) float64
+        What a step's weights were multiplied by: those of plain tasks, and those of entries.
+    enter : (T,) float64
+        Log weight of all ways before a step that pay for a move there.
+    leave : (T,) float64
+        Log weight of what follows a step after a move, less `level` of that step.
+    level : (T,) float64
+        Log weight of all ways up to a step.
+    behind : (S,) float64
+        Weight of what follows, scaled so that the products of `ahead` and `behind` and what waits add up to 1.
+    gain : (most entries,) float64
+        Weight of an entry's benefit less price, relative to the best of its step.
+    """
+
+    ahead: FloatArray
+    scale: FloatArray
+    enter: FloatArray
+    leave: FloatArray
+    level: FloatArray
+    behind: FloatArray
+    gain: FloatArray
+
+
+def strict_soft_scratch(T: int, slots: int, entries: int) -> tuple[StrictSoftScratch]:
+    """Work arrays of one thread."""
+    return (
+        StrictSoftScratch(
+            np.empty((T, slots)), np.empty((T, 2)), np.empty(T), np.empty(T), np.empty(T), np.empty(slots),
+            np.empty(entries),
+        ),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def soft_strict_paths(
+    begin, end, window, slots, smoothing, waits, shares, log_z, scratch, usage, mass
 ):  # fmt: skip
-    """One agent: adds its occupancy to `usage` and its parking intervals to `mass`; returns log Z."""
-    T = w.shape[0]
-    size = slots.size
+    """Smoothed values of the agents of a block: fills `log_z` (n,), adds to `usage` (T, m) and `mass` (T + 1, T).
+
+    `waits`: whether there are tasks to wait on, with the weights `shares` of `soft_waiting`; `mass` gets the expected
+    numbers of agents that wait over intervals of steps, `usage` those that hold one of their slots.
+    """
+    log_move = np.log(smoothing.move)
+    for i in range(begin, end):
+        tasks = slots.task[slots.ptr[i] : slots.ptr[i + 1]]
+        before = -1  # slot held before the first step
+        if window.held[i] >= 0:
+            for s in range(tasks.size):
+                if tasks[s] == window.held[i]:
+                    before = s
+        # At the first step a move is free if nothing was held.
+        first = smoothing.move if before >= 0 else 1.0
+        log_first = log_move if before >= 0 else 0.0
+        log_z[i] = _ahead(
+            i, window, slots.entry, tasks, smoothing, before, first, log_first, waits, shares, scratch
+        )
+        if log_z[i] > -np.inf:
+            _behind(
+                i, window, slots.entry, tasks, smoothing, first, log_first, waits, shares, scratch, usage, mass
+            )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+def _ahead(i, window, entry, tasks, smoothing, before, first, log_first, waits, shares, scratch):
+    """Forward recursion of one agent: fills `scratch`, returns log Z.
+
+        ahead_k[s] = (ahead_{k-1}[s] + move) * weight_k[s]    (or the gain of an entry in place of the weight)
+
+    divided by the step's total, in which the ways that wait since step a count as
+    ``exp(enter_a + shares[k + 1, a])``. The sum of ``ahead_{k-1}`` is 1, less what waits, so the ways that move to slot
+    s together weigh `move`.
+    """
+    n, indptr, data = window.n, window.indptr, window.data
+    eps, move, prices, weight = smoothing.temperature, smoothing.move, smoothing.prices, smoothing.weight
+    ahead, scale, gain = scratch.ahead, scratch.scale, scratch.gain
+    enter, level = scratch.enter, scratch.level
+    T = weight.shape[0]
+    size = tasks.size
+    log_move = np.log(move)
+    # Waiting of a weight below that of a move times the rest is never kept: moving there later is better.
+    floor = _TINY + min(0.0, log_move)
     log_z = 0.0
-    before = -1
-    if start >= 0:
-        for s in range(size):
-            if slots[s] == start:
-                before = s
-    first = q if before >= 0 else 1.0
-    log_q = np.log(q)
-    log_first = np.log(first)
-    # A place of weight below q times the rest is never kept: moving there later is better.
-    floor = _TINY + min(0.0, log_q)
-    g = 0
+    g = 0  # place of the step's first entry
     for k in range(T):
-        row = w[k]
-        here = A[k]
-        r = k * n + agent
+        row = weight[k]
+        here = ahead[k]
+        r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
         # All weights of the step are taken relative to the best net benefit in sight, so none overflows.
         top = 0.0
         for e in range(lo, hi):
-            top = max(top, data[e] - prices[k, slots[entry_slot[e]]])
+            top = max(top, data[e] - prices[k, tasks[entry[e]]])
         shift = np.exp(-top / eps)
         for e in range(lo, hi):
-            gain[g + e - lo] = np.exp((data[e] - prices[k, slots[entry_slot[e]]] - top) / eps)
+            gain[g + e - lo] = np.exp((data[e] - prices[k, tasks[entry[e]]] - top) / eps)
         if k == 0:
             for s in range(size):
-                here[s] = first * row[slots[s]] * shift
+                here[s] = first * row[tasks[s]] * shift
             if before >= 0:
-                here[before] = (1.0 + first) * row[slots[before]] * shift
+                here[before] = (1.0 + first) * row[tasks[before]] * shift
             for e in range(lo, hi):
-                s = entry_slot[e]
+                s = entry[e]
                 here[s] = gain[g + e - lo] * (first + (1.0 if s == before else 0.0))
         else:
-            prev = A[k - 1]
+            prev = ahead[k - 1]
             for s in range(size):
-                here[s] = (prev[s] + q) * (row[slots[s]] * shift)
+                here[s] = (prev[s] + move) * (row[tasks[s]] * shift)
             for e in range(lo, hi):
-                s = entry_slot[e]
-                here[s] = (prev[s] + q) * gain[g + e - lo]
+                s = entry[e]
+                here[s] = (prev[s] + move) * gain[g + e - lo]
         total = 0.0
         for s in range(size):
             total += here[s]
-        if park:
-            enter[k] = (log_first if k == 0 else log_q) + log_z
-            column = log_S[k + 1]
-            level = log_z + top / eps
+        if waits:
+            enter[k] = (log_first if k == 0 else log_move) + log_z
+            column = shares[k + 1]
+            above = log_z + top / eps
             for a in range(k + 1):
-                x = enter[a] + column[a] - level
+                x = enter[a] + column[a] - above
                 if x > floor:
                     total += np.exp(x)
         if not total > 0.0:
@@ -147,91 +230,77 @@ def _soft_strict(
         inverse = 1.0 / total
         for s in range(size):
             here[s] *= inverse
-        base = shift * inverse
-        scale[k, 0] = base
+        scale[k, 0] = shift * inverse
         scale[k, 1] = inverse
         log_z += np.log(total) + top / eps
-        level_after[k] = log_z
+        level[k] = log_z
         g += hi - lo
-    # Backward, with B scaled so that sum_j A_k[j] B_k[j] + parked = 1 at every step.
+    return log_z
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+def _behind(
+    i, window, entry, tasks, smoothing, first, log_first, waits, shares, scratch, usage, mass
+):  # fmt: skip
+    """Backward recursion of one agent: adds to `usage` and `mass`.
+
+    `behind` is scaled so that ``sum_s ahead_k[s] behind_k[s]`` and what waits add up to 1 at every step; the products
+    are the probabilities of the slots. With `back` = move * (sum of the weighted `behind` and of what waits):
+
+        behind_{k-1}[s] = weight_k[s] behind_k[s] + back
+    """
+    n, indptr = window.n, window.indptr
+    move, weight = smoothing.move, smoothing.weight
+    ahead, scale, leave, level = scratch.ahead, scratch.scale, scratch.leave, scratch.level
+    behind, gain = scratch.behind, scratch.gain
+    T = weight.shape[0]
+    size = tasks.size
+    log_move = np.log(move)
+    g = 0
+    for k in range(T):
+        g += indptr[k * n + i + 1] - indptr[k * n + i]
     for s in range(size):
-        B[s] = 1.0
-    leave[T - 1] = -log_z  # log of the weight of what follows step k after a move, less log_z of step k
+        behind[s] = 1.0
+    leave[T - 1] = -level[T - 1]
     for k in range(T - 1, -1, -1):
-        here = A[k]
+        here = ahead[k]
         row_usage = usage[k]
-        row = w[k]
+        row = weight[k]
         base, inverse = scale[k, 0], scale[k, 1]
-        r = k * n + agent
+        r = k * n + i
         lo, hi = indptr[r], indptr[r + 1]
         g -= hi - lo
+        # Slots with an entry first: they are set to zero, so that the loop over all slots adds nothing for them.
         for e in range(lo, hi):
-            s = entry_slot[e]
-            v = B[s]
-            row_usage[slots[s]] += here[s] * v
+            s = entry[e]
+            v = behind[s]
+            row_usage[tasks[s]] += here[s] * v
             gain[g + e - lo] *= v * inverse
-            B[s] = 0.0
+            behind[s] = 0.0
         total = 0.0
         for s in range(size):
-            v = B[s]
-            j = slots[s]
+            v = behind[s]
+            j = tasks[s]
             row_usage[j] += here[s] * v
             v *= row[j] * base
-            B[s] = v
+            behind[s] = v
             total += v
         for e in range(lo, hi):
             v = gain[g + e - lo]
-            B[entry_slot[e]] = v
+            behind[entry[e]] = v
             total += v
-        if park:
-            factor = q if k > 0 else first
-            level = level_after[k - 1] if k > 0 else 0.0
+        if waits:
+            factor = move if k > 0 else first
+            log_factor = log_move if k > 0 else log_first
+            above = level[k - 1] if k > 0 else 0.0
             for b in range(k + 1, T + 1):
-                x = leave[b - 1] + log_S[b, k] + level
-                if x + (log_q if k > 0 else log_first) > _TINY:
+                x = leave[b - 1] + shares[b, k] + above
+                if x + log_factor > _TINY:
                     v = np.exp(x)
                     total += v
                     mass[b, k] += v * factor
         if k > 0:
-            back = q * total
-            leave[k - 1] = np.log(back) - level_after[k - 1]
+            back = move * total
+            leave[k - 1] = np.log(back) - level[k - 1]
             for s in range(size):
-                B[s] += back
-    return log_z
-
-
-@njit(cache=True, parallel=True)
-def soft_strict_paths(
-    indptr, entry_slot, data, slot_ptr, slot_task, cost, eps, start, prices, w, park, log_S, chunks
-):
-    """All agents. Returns (log Z (n,), usage (T, m) of the slots, parking masses (T+1, T))."""
-    T, m = w.shape
-    n = slot_ptr.size - 1
-    q = np.exp(-cost / eps)
-    log_z = np.empty(n)
-    size = 1
-    for i in range(n):
-        size = max(size, slot_ptr[i + 1] - slot_ptr[i])
-    widest = 1
-    for i in range(n):
-        count = 0
-        for k in range(T):
-            count += indptr[k * n + i + 1] - indptr[k * n + i]
-        widest = max(widest, count)
-    usages = np.zeros((chunks, T, m))
-    masses = np.zeros((chunks, T + 1, T))
-    for c in prange(chunks):
-        A = np.empty((T, size))
-        scale = np.empty((T, 2))
-        enter = np.empty(T)
-        leave = np.empty(T)
-        level_after = np.empty(T)
-        B = np.empty(size)
-        gain = np.empty(widest)
-        for i in range(c, n, chunks):
-            slots = slot_task[slot_ptr[i] : slot_ptr[i + 1]]
-            log_z[i] = _soft_strict(
-                i, n, indptr, entry_slot, data, slots, q, eps, start[i], prices, w, park, log_S,
-                A, scale, enter, leave, level_after, B, gain, usages[c], masses[c],
-            )  # fmt: skip
-    return log_z, usages.sum(axis=0), masses.sum(axis=0)
+                behind[s] += back

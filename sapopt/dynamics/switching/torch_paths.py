@@ -113,21 +113,21 @@ class TorchSwitching:
         own = self._own = StrictSwitching(benefits, cost, state)
         self.cost = own.cost
         T, n, m = own.shape
-        counts = np.diff(own.slot_ptr)
+        counts = np.diff(own.slots.ptr)
         size = self._size = int(counts.max(initial=1))
         slots = np.zeros((n, size), dtype=np.int64)
         real = np.arange(size) < counts[:, None]
-        slots[real] = own.slot_task
+        slots[real] = own.slots.task
         self._slots = self._tensor(slots)
         self._padding = self._tensor(np.where(real, 0.0, -np.inf))
-        starts_in = (slots == own.start[:, None]) & real & (own.start[:, None] >= 0)
+        starts_in = (slots == own.window.held[:, None]) & real & (own.window.held[:, None] >= 0)
         self._held = self._tensor(np.where(starts_in, 0.0, -np.inf))
         # Entering at the first step is free without a task before it.
         self._first_cost = self._tensor(np.where(starts_in.any(axis=1), self.cost, 0.0))
-        step_ptr = own.indptr[np.arange(T + 1) * n]
-        agent = np.repeat(np.arange(T * n) % n, np.diff(own.indptr))
-        place = self._tensor(agent * size + own.entry_slot)
-        data = self._tensor(own.data)
+        step_ptr = own.window.indptr[np.arange(T + 1) * n]
+        agent = np.repeat(np.arange(T * n) % n, np.diff(own.window.indptr))
+        place = self._tensor(agent * size + own.slots.entry)
+        data = self._tensor(own.window.data)
         self._entries = [(place[a:b], data[a:b]) for a, b in pairwise(step_ptr)]
         self._excluded = self._tensor(np.where(own.excluded, np.inf, 0.0))
 

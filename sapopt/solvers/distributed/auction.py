@@ -11,6 +11,7 @@ import numpy as np
 from sapopt.data.feasibility import InfeasibleError, explain_infeasible
 from sapopt.data.matrices import GainMatrix, Matrix
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.blocks import thread_count
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.distributed import common
@@ -93,8 +94,6 @@ def run_auctions(
     """
     from concurrent.futures import ThreadPoolExecutor, wait
 
-    import numba
-
     from sapopt.solvers.distributed.auction_kernels import auction
 
     network = scene.network
@@ -122,7 +121,7 @@ def run_auctions(
         return entries, bids
 
     for eps in _phases(rows, epsilon, scaling, n, m):
-        threads = min(len(rows), int(numba.get_num_threads()))
+        threads = min(len(rows), thread_count())
         with ThreadPoolExecutor(threads) as pool:
             auctions = [pool.submit(play, a, eps) for a in range(len(rows))]
             try:

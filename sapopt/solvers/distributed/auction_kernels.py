@@ -14,7 +14,8 @@ fades out where a whole ring knows better. The tables, and the entries that chan
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 
 @njit(cache=True, nogil=True)

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.blocks import in_blocks
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
@@ -104,46 +105,59 @@ class CBBA(Talks):
 
     def _consensus(self, outlook: Outlook, scene: Scene) -> tuple[IntArray, FloatArray]:
         """Claimed task of every agent at the current step (-1: none) and its bid."""
-        from sapopt.solvers.distributed.cbba_kernels import bundle_phase, consensus_phase, disputed
+        from sapopt.solvers.distributed import cbba_kernels as kernels
 
         n, m = outlook.problem.n, outlook.problem.m
         window = outlook.benefits(self.lookahead)
         steps = window.shape[0]
         flat = window.flat()
-        held = np.full(n, -1) if outlook.state is None else outlook.state
         rule = outlook.model.switching()
         assert rule is not None
-        cost = np.atleast_2d(np.asarray(rule.cost, dtype=np.float64))
-        open_task = scene.open_tasks[scene.component]
-        y, z = np.zeros((n, steps * m)), np.full((n, steps * m), -1, dtype=np.int32)
-        stamps = np.zeros((n, n), dtype=np.int32)
-        path, order = np.full((n, steps), -1), np.full((n, steps), -1)
-        bids, count = np.zeros((n, steps)), np.zeros(n, dtype=np.int64)
+        offers = kernels.Offers(
+            steps, n, m, flat.indptr, flat.indices, flat.data,
+            cost=np.atleast_2d(np.asarray(rule.cost, dtype=np.float64)),
+            held=np.full(n, -1) if outlook.state is None else outlook.state,
+            open_task=scene.open_tasks[scene.component],
+        )  # fmt: skip
+        tables = kernels.Tables(
+            np.zeros((n, steps * m)),
+            np.full((n, steps * m), -1, dtype=np.int32),
+            np.zeros((n, n), dtype=np.int32),
+        )
+        bundles = kernels.Bundles(
+            np.full((n, steps), -1),
+            np.full((n, steps), -1),
+            np.zeros((n, steps)),
+            np.zeros(n, dtype=np.int64),
+        )
         network = scene.network
 
-        def bundles() -> np.ndarray:
+        def bundle() -> np.ndarray:
             changed = np.zeros(n, dtype=bool)
-            bundle_phase(
-                n, m, steps, flat.indptr, flat.indices, flat.data, held, cost, open_task, y, z, path, order, bids,
-                count, changed,
-            )  # fmt: skip
+            turns = 2.0 * steps * flat.data.size
+            in_blocks(kernels.bundle_phase, n, offers, tables, bundles, changed, turns=turns)
             return changed
 
         def play_round(r: int) -> tuple[IntArray, np.ndarray]:
             # Slots without a winner need not be sent: what is missing has none.
-            sizes = HEADER_BYTES + _STAMP_BYTES * n + ENTRY_BYTES * (z >= 0).sum(axis=1)
+            sizes = HEADER_BYTES + _STAMP_BYTES * n + ENTRY_BYTES * (tables.winner >= 0).sum(axis=1)
             changed = np.zeros(n, dtype=bool)
-            slots = disputed(y, z)
+            differs = np.zeros(steps * m, dtype=bool)
+            kernels.mark_disputed(tables, differs)
+            slots = np.flatnonzero(differs)
             if len(slots) == 0:  # all know the same, so no rule changes anything: only the wait is left
                 return sizes, changed
-            sent = y.copy(), z.copy(), stamps.copy()
-            consensus_phase(network.link_start, network.links, r, slots, y, z, stamps, *sent, changed)
-            return sizes, changed | bundles()
+            sent = kernels.Tables(tables.bid.copy(), tables.winner.copy(), tables.stamp.copy())
+            in_blocks(
+                kernels.consensus_phase, n, network.link_start, network.links, r, slots, tables, sent, changed,
+                turns=float(len(network.links)) * (len(slots) + n),
+            )  # fmt: skip
+            return sizes, changed | bundle()
 
-        bundles()
+        bundle()
         scene.simulator.run(play_round, self.max_rounds)
-        claimed = path[:, 0]
-        worth = np.where(claimed >= 0, y[np.arange(n), np.maximum(claimed, 0)], 0.0)
+        claimed = bundles.path[:, 0]
+        worth = np.where(claimed >= 0, tables.bid[np.arange(n), np.maximum(claimed, 0)], 0.0)
         return claimed, worth
 
 

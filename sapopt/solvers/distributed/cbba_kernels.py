@@ -7,10 +7,80 @@ and the winner ``z[i]`` (-1: nobody), and of every agent the round ``s[i]`` of i
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit, prange
+from numpy.typing import NDArray
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.jit import njit
 
 LEAVE, UPDATE, RESET = 0, 1, 2
+
+
+class Offers(NamedTuple):
+    """What the agents bid for: the benefits of a window of L steps, and what a handover costs.
+
+    Attributes
+    ----------
+    steps, n, m : int
+    indptr, indices, data : arrays
+        CSR rows; row ``t * n + i`` is agent i at step t.
+    cost : (1, 1) or (m, m) float64
+    held : (n,) int64
+        Task before the window, -1 for none.
+    open_task : (n, m) bool
+        Tasks that an agent may have.
+    """
+
+    steps: int
+    n: int
+    m: int
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    data: FloatArray
+    cost: FloatArray
+    held: IntArray
+    open_task: NDArray[np.bool_]
+
+
+class Tables(NamedTuple):
+    """What every agent knows, a row each.
+
+    Attributes
+    ----------
+    bid : (n, L * m) float64
+        The winning bid on every slot.
+    winner : (n, L * m) int32
+        Its bidder, -1 for none.
+    stamp : (n, n) int32
+        Round of the latest news of every agent.
+    """
+
+    bid: FloatArray
+    winner: NDArray[np.int32]
+    stamp: NDArray[np.int32]
+
+
+class Bundles(NamedTuple):
+    """What every agent wants, a row each.
+
+    Attributes
+    ----------
+    path : (n, L) int64
+        Task at every step, -1 for none.
+    order : (n, L) int64
+        The slots of the path in the order in which they were added.
+    announced : (n, L) float64
+        The bids on these.
+    length : (n,) int64
+        Length of the bundle.
+    """
+
+    path: IntArray
+    order: IntArray
+    announced: FloatArray
+    length: IntArray
 
 
 @njit(cache=True, nogil=True)
@@ -58,17 +128,15 @@ def decide(i, k, yi, zi, yk, zk, si, sk):
 
 
 @njit(cache=True, nogil=True)
-def disputed(y, z):
-    """Slots on which the tables of the agents differ; on all others every rule changes nothing."""
-    n, slots = z.shape
-    differs = np.zeros(slots, np.bool_)
-    for i in range(1, n):
-        for c in range(slots):
+def mark_disputed(tables, differs):
+    """Mark the slots (L * m,) on which the tables of the agents differ; on all others every rule changes nothing."""
+    y, z = tables.bid, tables.winner
+    for i in range(1, len(y)):
+        for c in range(len(differs)):
             differs[c] |= (z[i, c] != z[0, c]) | (y[i, c] != y[0, c])
-    return np.flatnonzero(differs)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def charge(cost, a, b):
     """Cost of moving from task a to task b; `cost` is 1 by 1 if uniform, and nothing is paid from or to no task."""
     if a < 0 or b < 0 or a == b:
@@ -77,18 +145,54 @@ def charge(cost, a, b):
 
 
 @njit(cache=True, nogil=True)
-def build(i, n, m, steps, indptr, indices, data, held, cost, open_task, y, z, path, order, bids, count):
+def bundle_phase(begin, end, offers, tables, bundles, changed):
+    """Release what was lost and build on, every agent of a block."""
+    for i in range(begin, end):
+        kept = _release(i, offers.m, tables, bundles)
+        if kept < bundles.length[i]:
+            changed[i] = True
+        grown = _build(i, offers, tables, bundles, kept)
+        if grown > kept:
+            changed[i] = True
+        bundles.length[i] = grown
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _release(i, m, tables, bundles):
+    """Give up the first slot of the bundle that was lost and all after it: their scores rested on it."""
+    y, z = tables.bid[i], tables.winner[i]
+    path, order = bundles.path[i], bundles.order[i]
+    for q in range(bundles.length[i]):
+        if z[order[q]] != i:
+            path[order[q] // m] = -1
+            for later in range(q + 1, bundles.length[i]):
+                c = order[later]
+                path[c // m] = -1
+                if z[c] == i:
+                    z[c] = -1
+                    y[c] = 0.0
+            return q
+    return bundles.length[i]
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _build(i, offers, tables, bundles, count):
     """Add slots to agent i's bundle while it gains by one and wins it; returns the new length of the bundle.
 
     The gain of a slot is its benefit less the handovers that it adds to the path: from the task before it and to the
     task after it. Idle steps change nothing. What is announced is never more than the bid before it in the bundle.
     """
+    n, m, steps, cost = offers.n, offers.m, offers.steps, offers.cost
+    indptr, indices, data = offers.indptr, offers.indices, offers.data
+    open_task = offers.open_task[i]
+    y, z = tables.bid[i], tables.winner[i]
+    path, order, announced = bundles.path[i], bundles.order[i], bundles.announced[i]
     while count < steps:
         best, best_slot, best_bid = 0.0, -1, 0.0
         for t in range(steps):
             if path[t] >= 0:
                 continue
-            before = held
+            before = offers.held[i]
             for q in range(t):
                 if path[q] >= 0:
                     before = path[q]
@@ -104,14 +208,14 @@ def build(i, n, m, steps, indptr, indices, data, held, cost, open_task, y, z, pa
                 gain = data[e] - charge(cost, before, j) - charge(cost, j, after) + saved
                 if gain <= best:
                     continue
-                bid = min(gain, bids[count - 1]) if count else gain
+                bid = min(gain, announced[count - 1]) if count else gain
                 c = t * m + j
                 if z[c] < 0 or beats(bid, i, y[c], z[c]):
                     best, best_slot, best_bid = gain, c, bid
         if best_slot < 0:
             break
         order[count] = best_slot
-        bids[count] = best_bid
+        announced[count] = best_bid
         path[best_slot // m] = best_slot % m
         y[best_slot] = best_bid
         z[best_slot] = i
@@ -120,44 +224,15 @@ def build(i, n, m, steps, indptr, indices, data, held, cost, open_task, y, z, pa
 
 
 @njit(cache=True, nogil=True)
-def release(i, m, y, z, path, order, count):
-    """Give up the first slot of the bundle that was lost and all after it: their scores rested on it."""
-    for q in range(count):
-        if z[order[q]] != i:
-            path[order[q] // m] = -1
-            for later in range(q + 1, count):
-                c = order[later]
-                path[c // m] = -1
-                if z[c] == i:
-                    z[c] = -1
-                    y[c] = 0.0
-            return q
-    return count
+def consensus_phase(begin, end, link_start, links, r, slots, tables, sent, changed):
+    """Hear the tables that all neighbours sent, in ascending order of the neighbours; `slots` are those in dispute.
 
-
-@njit(cache=True, nogil=True)
-def bundle_phase(
-    n, m, steps, indptr, indices, data, held, cost, open_task, y, z, path, order, bids, count, changed
-):
-    """Release what was lost and build on, every agent."""
-    for i in range(n):
-        kept = release(i, m, y[i], z[i], path[i], order[i], count[i])
-        if kept < count[i]:
-            changed[i] = True
-        grown = build(
-            i, n, m, steps, indptr, indices, data, held[i], cost, open_task[i], y[i], z[i], path[i], order[i],
-            bids[i], kept,
-        )  # fmt: skip
-        if grown > kept:
-            changed[i] = True
-        count[i] = grown
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def consensus_phase(link_start, links, r, slots, y, z, s, y_sent, z_sent, s_sent, changed):
-    """Hear the tables that all neighbours sent, in ascending order of the neighbours; `slots` are those in dispute."""
+    The agents of a block, in round r: `tables` are theirs and change, `sent` is a copy from before the round.
+    """
     n = len(link_start) - 1
-    for i in prange(n):
+    y, z, s = tables.bid, tables.winner, tables.stamp
+    y_sent, z_sent, s_sent = sent.bid, sent.winner, sent.stamp
+    for i in range(begin, end):
         for e in range(link_start[i], link_start[i + 1]):
             k = links[e]
             for c in slots:

@@ -8,7 +8,8 @@ other tasks are one place, *elsewhere*, where it waits for nothing; it comes las
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 
 @njit(cache=True, nogil=True)

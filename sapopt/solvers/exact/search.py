@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError
@@ -27,6 +26,7 @@ from sapopt.formulations import network as formulation
 from sapopt.formulations import stays
 from sapopt.formulations.highs import Answer, Ending, maximise
 from sapopt.formulations.network import Network, NetworkOracle
+from sapopt.kernels.blocks import thread_count
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.solvers.exact import warm
@@ -137,7 +137,7 @@ class Search:
             return self.state.best
 
         search = BranchAndPrice(self.problem, self.run, self.state.best, self.tolerance, tell)
-        search.solve(int(numba.get_num_threads()))
+        search.solve(thread_count())
 
     def _over_network(self) -> None:
         self._price()

@@ -98,7 +98,7 @@ def test_a_window_that_goes_on_values_charge(seed: int) -> None:
     problem = case.problem("sparse")
     state = problem.initial_state()
     made = problem.model.window_oracle(problem.benefits, state)
-    end = made.battery[-1]
+    end = made.rule.end
     worth = np.diff(end)[1:]
     assert (worth >= 0).all()
     assert (np.diff(worth) <= 1e-9).all()

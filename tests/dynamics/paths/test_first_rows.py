@@ -97,9 +97,9 @@ def test_narrowing_leaves_good_paths() -> None:
             values, plan = narrow.best_paths(prices)
             np.testing.assert_allclose(values, full, atol=1e-12)
             assert plan.shape == (len(prices), len(full))
-            counts.append(narrow.data.size)
+            counts.append(narrow.window.data.size)
         assert counts == sorted(counts)
-        assert counts[-1] == oracle.data.size
+        assert counts[-1] == oracle.window.data.size
         # prices that changed since: a bound of the narrowed problem is never above that of the whole one
         other = prices[::-1].copy()
         assert (

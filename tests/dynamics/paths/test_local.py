@@ -22,7 +22,6 @@ from sapopt.dynamics.paths.oracles import (
     compiled,
     path_oracle,
 )
-from sapopt.dynamics.switching.hard import seen_tasks
 from sapopt.dynamics.switching.paths import StrictSwitching, oracle
 from sapopt.dynamics.switching.states import SwitchingStates
 from sapopt.proofs.plain import plain_bound
@@ -95,11 +94,7 @@ def with_parking(case: Case) -> StrictSwitching:
     """The strict oracle with slots for seen tasks only, which it would not choose at this size by itself."""
     made = oracle(case.benefits, case.dynamics, case.initial)
     assert isinstance(made, StrictSwitching)
-    T, n, m = made.shape
-    made.park = True
-    made.slot_ptr, made.slot_task, made.entry_slot = seen_tasks(
-        made.indptr, made.indices, n, T, m, made.start, made.excluded
-    )
+    made._set_slots(True)
     return made
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.jit import njit
 from sapopt.problem.sap import SAP
 
 Rows = namedtuple("Rows", "indptr indices data agents cost matrix idle_is_free")

@@ -11,9 +11,9 @@ from collections import namedtuple
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, move_cost
 from sapopt.solvers.dual_decomposition.plans import closed_prices
 

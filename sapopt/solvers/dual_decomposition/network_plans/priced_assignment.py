@@ -7,7 +7,8 @@ only the others need an augmenting path. At thousands of agents this is far fast
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from sapopt.kernels.jit import njit
 
 
 @njit(cache=True, nogil=True)

@@ -12,10 +12,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
 from scipy.optimize import linear_sum_assignment
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.blocks import in_blocks
+from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, move_cost
 from sapopt.solvers.dual_decomposition.network_plans.priced_assignment import assign
 
@@ -23,15 +24,19 @@ _LARGE = 4_000_000
 """Pairs above which the assignment starts from the prices even where a free task then counts as worth its price."""
 
 
-@njit(cache=True, parallel=True)
-def priced_futures(rows, prices, start, end, futures):  # type: ignore[no-untyped-def]
-    """Fill futures[k - start, i, j] with the value of agent i's best path after it held task j at step k < end."""
+@njit(cache=True, nogil=True)
+def priced_futures(begin, stop, rows, prices, start, end, futures, now, enter, row):  # type: ignore[no-untyped-def]
+    """Fill futures[k - start, i, j] with the value of agent i's best path after it held task j at step k < end.
+
+    For the agents of a block, begin <= i < stop. `now`, `enter` and `row` (m,) are scratch; `row` holds zeros.
+    """
     indptr, indices, data, n = rows.indptr, rows.indices, rows.data, rows.agents
     cost, idle_is_free = rows.cost, rows.idle_is_free
     steps, m = prices.shape
     by_pair = rows.matrix.shape[0] > 0
-    for i in prange(n):
-        now, enter, row = np.zeros(m), np.empty(m), np.zeros(m)
+    for i in range(begin, stop):
+        for j in range(m):
+            now[j] = 0.0
         for k in range(steps - 1, start - 1, -1):
             if k < end:
                 for j in range(m):
@@ -100,7 +105,10 @@ def plan_by_futures(
         if start > 0 and reprice is not None:
             prices = prices.copy()
             prices[start:] = reprice(start, held, prices[start:])
-        priced_futures(arrays.rows, prices, start, end, futures)
+        in_blocks(
+            priced_futures, n, arrays.rows, prices, start, end, futures,
+            scratch=lambda: (np.zeros(m), np.empty(m), np.zeros(m)), turns=3.0 * (steps - start) * n * m,
+        )  # fmt: skip
         for k in range(start, end):
             step_weights(arrays.rows, k, held, futures[k - start], weights)
             if n == m or n * m > _LARGE:

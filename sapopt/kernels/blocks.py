@@ -1,0 +1,198 @@
+"""Compiled loops in blocks, which the threads of this process share out among themselves.
+
+A kernel that visits agents (steps, tasks) one by one takes the begin and the end of a block as its first two
+arguments, is compiled with ``nogil=True``, and writes to arrays that it is given. The functions here cut the whole
+range into blocks; the calling thread and a few helpers take one block after another until none is left. This is the
+only place that knows how many threads there are.
+
+Plain threads instead of numba's ``parallel=True``: no OpenMP runtime is loaded, so a process may fork after a solve,
+many threads may solve at once, and nobody spins while waiting. The caller works itself and takes back what no helper
+has begun, so it never waits for a queue: helpers that are busy with other callers, or that cannot be had any more
+(an interpreter that shuts down starts no threads), cost speed alone.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+OWN_VARIABLE = "SAPOPT_NUM_THREADS"
+"""Environment variable that says how many threads share the work; without it numba's own, NUMBA_NUM_THREADS, counts."""
+
+_WORTH = 200_000
+"""Inner turns of a loop, a nanosecond or a few each, below which handing blocks to other threads costs more time."""
+_BLOCKS_PER_THREAD = 4
+"""More blocks than threads even out the agents' different numbers of tasks."""
+_PARTS, _LEAST_PART = 8, 32
+"""Partial sums, and the agents of each: adding up many large arrays costs more than the threads save."""
+
+
+def thread_count() -> int:
+    """How many threads share the work: as the environment says, else the processors that this process may use.
+
+    Raises
+    ------
+    ValueError
+        If SAPOPT_NUM_THREADS is not a positive whole number.
+    """
+    own = os.environ.get(OWN_VARIABLE)
+    if own is not None:
+        if not own.isdecimal() or int(own) < 1:
+            raise ValueError(f"{OWN_VARIABLE}: expected a positive whole number, got {own!r}")
+        return int(own)
+    numbas = os.environ.get("NUMBA_NUM_THREADS", "")
+    if numbas.isdecimal() and int(numbas) > 0:
+        return int(numbas)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_blocks(
+    kernel: Callable[..., object],
+    count: int,
+    *arguments: object,
+    scratch: Callable[[], tuple[object, ...]] = tuple,
+    turns: float,
+) -> None:
+    """Call ``kernel(begin, end, *arguments, *scratch())`` for blocks that cover ``range(count)``.
+
+    Parameters
+    ----------
+    kernel : callable
+        Compiled with ``nogil=True``. The items of the range must not depend on each other: what is written must not
+        depend on the blocks.
+    count : int
+        Agents, or whatever the kernel visits.
+    arguments
+        Shared by all blocks.
+    scratch : callable, optional
+        Makes the work arrays of one thread, which it uses for one block after another.
+    turns : float
+        Inner turns of the whole loop, roughly; little work stays on this thread.
+    """
+    helpers = _helpers(count, turns)
+    if helpers == 0:
+        kernel(0, count, *arguments, *scratch())
+        return
+    todo = _blocks(count, _BLOCKS_PER_THREAD * (helpers + 1))
+
+    def work() -> None:
+        own = scratch()
+        for _, begin, end in _taken(todo):
+            kernel(begin, end, *arguments, *own)
+
+    _together(work, helpers, todo)
+
+
+def summed_in_blocks(
+    kernel: Callable[..., object],
+    count: int,
+    shapes: tuple[tuple[int, ...], ...],
+    *arguments: object,
+    scratch: Callable[[], tuple[object, ...]] = tuple,
+    turns: float,
+) -> list[NDArray[np.float64]]:
+    """Call ``kernel(begin, end, *arguments, *scratch(), *sums)`` for blocks; return the sums over all items.
+
+    Every block adds to arrays of its own, and these are added in the order of the blocks. The blocks depend on `count`
+    alone, so the result is the same bit for bit, however many threads there are.
+
+    Parameters
+    ----------
+    shapes : tuple of shapes
+        Of the sums, which a kernel finds filled with zeros.
+    """
+    todo = _blocks(count, min(_PARTS, count // _LEAST_PART))
+    helpers = min(_helpers(count, turns), len(todo) - 1)
+    sums: list[list[NDArray[np.float64]]] = [[] for _ in todo]
+
+    def work() -> None:
+        own = scratch()
+        for part, begin, end in _taken(todo):
+            sums[part] = [np.zeros(shape) for shape in shapes]
+            kernel(begin, end, *arguments, *own, *sums[part])
+
+    _together(work, helpers, todo)
+    for part in sums[1:]:
+        for total, addend in zip(sums[0], part, strict=True):
+            total += addend
+    return sums[0]
+
+
+Blocks = deque[tuple[int, int, int]]
+
+
+def _blocks(count: int, wanted: int) -> Blocks:
+    """At most `wanted` blocks of nearly equal size: (number, first, last + 1) each."""
+    wanted = max(1, min(wanted, count))
+    edges = [number * count // wanted for number in range(wanted + 1)]
+    return deque((number, begin, end) for number, (begin, end) in enumerate(pairwise(edges)))
+
+
+def _taken(todo: Blocks) -> Any:
+    """Blocks that no other thread has taken, until none is left."""
+    while True:
+        try:
+            yield todo.popleft()
+        except IndexError:
+            return
+
+
+def _helpers(count: int, turns: float) -> int:
+    return min(thread_count(), count) - 1 if turns >= _WORTH else 0
+
+
+def _together(work: Callable[[], None], helpers: int, todo: Blocks) -> None:
+    """Do the work on this thread and on helpers as far as there are any; what one of them raises is raised."""
+    asked: list[Future[None]] = []
+    try:
+        for _ in range(helpers):
+            future = _ask(work)
+            if future is None:
+                break
+            asked.append(future)
+        work()
+    finally:
+        todo.clear()  # after an error or an interruption the helpers stop at the end of their block
+        for future in asked:
+            if not future.cancel():
+                future.result()
+
+
+class _Pool:
+    """The helpers of this process: threads that are started when they are first asked for."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        self.lock = threading.Lock()
+        self.executor: ThreadPoolExecutor | None = None
+
+
+_pool = _Pool()
+
+
+def _ask(work: Callable[[], None]) -> Future[None] | None:
+    """Ask a helper to join the work; None where there will be none any more."""
+    with _pool.lock:
+        if _pool.executor is None:
+            _pool.executor = ThreadPoolExecutor(max(1, thread_count() - 1), thread_name_prefix="sapopt")
+        try:
+            return _pool.executor.submit(work)
+        except RuntimeError:  # the interpreter is shutting down, or the system has no more threads
+            return None
+
+
+if hasattr(os, "register_at_fork"):
+    # A child has none of its parent's threads, and a lock that another thread held would stay locked for ever.
+    os.register_at_fork(after_in_child=_pool.forget)
