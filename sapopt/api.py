@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import numbers
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
@@ -14,6 +15,8 @@ from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prov
 from sapopt.running.control import Callback, Run, interruptible
 from sapopt.running.outlook import Forecast, Policy, rollout
 from sapopt.solvers.base import Outcome, Planner, Solver
+
+log = logging.getLogger(__name__)
 
 
 def solve(
@@ -37,7 +40,8 @@ def solve(
     seed : int
         Seed of everything random in the solver.
     time_limit : float, optional
-        Seconds; when they are over the best plan so far is returned.
+        Seconds; when they are over the best plan so far is returned. Compiling kernels, at the first call on a
+        machine, does not count; the log says how long it took.
     progress : bool
         Show a progress bar on standard error.
     callback : callable, optional
@@ -78,10 +82,21 @@ def solve(
             else:
                 outcome = solver.plan(problem, run)
         runtime = run.seconds
+    _tell_compiling(run)
     return Result(
         outcome.plan, problem.evaluate(outcome.plan), outcome.status, runtime, solver.name, outcome.bound,
         outcome.trace, seed, outcome.prices, problem,
     )  # fmt: skip
+
+
+def _tell_compiling(run: Run) -> None:
+    """Say what the clock of a run has left out."""
+    if run.compile_seconds > 0.0:
+        log.info(
+            "%.1f s went into compiling kernels, besides the %.1f s of the run",
+            run.compile_seconds,
+            run.seconds,
+        )
 
 
 def _display(progress: bool, name: str, callback: Callback | None) -> AbstractContextManager[Callback | None]:
@@ -140,8 +155,11 @@ def bound(
         run = Run(seed, time_limit, report)
         with interruptible(run):
             if not problem.model.is_agent_local:
-                return stepwise_bound(problem, run)
-            return dual_bound(problem, run, prices, device)
+                proven = stepwise_bound(problem, run)
+            else:
+                proven = dual_bound(problem, run, prices, device)
+    _tell_compiling(run)
+    return proven
 
 
 def certify(

@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from sapopt.kernels import clock
 
 _LINE_EVERY_S = 10.0
 """Without a terminal, a running phase says at most this often how far it is."""
@@ -43,6 +45,7 @@ class Reporter:
     """Shows the phases of a command. Use as a context manager."""
 
     def __init__(self) -> None:
+        self._told = ExitStack()
         self.console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
         self.live = self.console.is_terminal
         self.bars = Progress(
@@ -57,11 +60,13 @@ class Reporter:
     def __enter__(self) -> Reporter:
         if self.live:
             self.bars.start()
+        self._told.enter_context(clock.told_when_long(self.line))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._told.close()
         if self.live:
             self.bars.stop()
 

@@ -1,11 +1,16 @@
-"""Seconds of compiling, so that a run's clock can leave them out, and word of it while it takes long."""
+"""A clock that stands still while kernels are compiled, and word of it when compiling takes long.
+
+Compiling happens once on a machine, whoever asks first; a time limit is about the work. So runs measure their time by
+`now`, and tell apart how much went into compiling.
+"""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 log = logging.getLogger(__name__)
 
@@ -27,9 +32,20 @@ def compile_seconds() -> float:
         return _seconds + (time.perf_counter() - _began if _depth else 0.0)
 
 
-def when_long(tell: Callable[[str], object]) -> None:
-    """Have `tell` called with a line of text, in a thread of its own, once compiling has taken longer than a second."""
+def now() -> float:
+    """Seconds on a clock that stands still while this process compiles kernels, in whatever thread."""
+    with _lock:
+        return (_began if _depth else time.perf_counter()) - _seconds
+
+
+@contextmanager
+def told_when_long(tell: Callable[[str], object]) -> Iterator[None]:
+    """Within the block `tell` is called, in a thread of its own, with one line once compiling takes over a second."""
     _listeners.append(tell)
+    try:
+        yield
+    finally:
+        _listeners.remove(tell)
 
 
 def compiler_starts(name: str) -> None:
@@ -66,9 +82,7 @@ def _tell() -> None:
         if _told:
             return
         _told = True
-    text = (
-        "compiling kernels; later runs find them in the cache (`sapopt warm` compiles all of them beforehand)"
-    )
+    text = "compiling kernels; later runs find them in the cache (`sapopt warm` compiles all of them at once)"
     log.info(text)
-    for tell in _listeners:
+    for tell in list(_listeners):
         tell(text)

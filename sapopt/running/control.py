@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from types import FrameType
 import numpy as np
 
 from sapopt.data.types import IntArray
+from sapopt.kernels import clock
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Expired(Exception):
 
 @dataclass
 class Run:
-    """State of one run, handed to the solver. The clock starts when it is made.
+    """State of one run, handed to the solver. The clock starts when it is made, and stands while kernels are compiled.
 
     Parameters
     ----------
@@ -79,16 +79,23 @@ class Run:
     parent: Run | None = None
     rng: np.random.Generator = field(init=False)
     began: float = field(init=False)
+    _compiled: float = field(init=False, repr=False)
     stopped: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
-        self.began = time.perf_counter()
+        self.began = clock.now()
+        self._compiled = clock.compile_seconds()
 
     @property
     def seconds(self) -> float:
-        """Time since the start."""
-        return time.perf_counter() - self.began
+        """Time since the start, without that of compiling kernels."""
+        return clock.now() - self.began
+
+    @property
+    def compile_seconds(self) -> float:
+        """Seconds of compiling since the start, which count neither in `seconds` nor against the limit."""
+        return clock.compile_seconds() - self._compiled
 
     @property
     def seconds_left(self) -> float:

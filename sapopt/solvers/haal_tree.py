@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 
 from sapopt.data.types import IntArray
 from sapopt.data.windows import WindowSums
+from sapopt.kernels import clock
 from sapopt.running.outlook import Outlook
 
 _MOST_BYTES = 512 * 2**20  # for states
@@ -81,7 +81,7 @@ class CompiledTree:
         root = np.full(self.sums.n, -1) if outlook.state is None else outlook.state
         solved, budget = 0, _SLICE
         while True:
-            began = time.perf_counter()
+            began = clock.now()
             outcome, first, count = search(
                 self._nodes, self._plain, self._charged, self._prices, root, k, stop, self.cost, self.idle_is_free,
                 order, budget,
@@ -90,7 +90,7 @@ class CompiledTree:
             if outcome != UNFINISHED:
                 return (first if outcome == FOUND else None), solved
             outlook.check()
-            if time.perf_counter() - began < _SLICE_SECONDS:
+            if clock.now() - began < _SLICE_SECONDS:
                 budget *= 2
 
     def forget_nodes(self) -> None:

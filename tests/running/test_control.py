@@ -27,7 +27,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """The clock that runs look at."""
     hand = Clock()
-    monkeypatch.setattr("sapopt.running.control.time.perf_counter", hand)
+    monkeypatch.setattr("sapopt.kernels.clock.time.perf_counter", hand)
     return hand
 
 

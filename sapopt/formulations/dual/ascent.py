@@ -6,7 +6,6 @@ follow until they change nothing. What other methods achieve is measured in `exp
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -17,6 +16,7 @@ from sapopt.dynamics.paths.oracles import PathOracle, SoftPathOracle
 from sapopt.formulations.dual.lagrangian import DualValue, dual_value
 from sapopt.formulations.dual.smooth import SmoothDescent, SmoothState
 from sapopt.formulations.dual.subgradient import Subgradient, SubgradientState
+from sapopt.kernels import clock
 
 _USUAL = 200
 """Smooth steps; with time to spare up to three times as many, which is worth some 0.05 %."""
@@ -70,7 +70,7 @@ class _Watch:
     target: float | None
     tolerance: float
     callback: Callback | None
-    begin: float = field(default_factory=time.monotonic)
+    begin: float = field(default_factory=clock.now)
     prices: FloatArray | None = None
     bound: float = np.inf
     iterations: int = 0
@@ -83,7 +83,7 @@ class _Watch:
             bound = here.bound
             if self.prices is None or bound < self.bound:
                 self.prices, self.bound = here.prices, bound
-        self.history.append((time.monotonic() - self.begin, here.value, self.bound))
+        self.history.append((clock.now() - self.begin, here.value, self.bound))
         if self.target is not None and self.bound - self.target <= self.tolerance * abs(self.target):
             self.met = True
 
@@ -92,7 +92,7 @@ class _Watch:
         self.iterations += 1
         assert self.prices is not None
         asked = self.callback is not None and self.callback(self.iterations - 1, self.bound, self.prices)
-        over = self.iterations >= self.max_iterations or time.monotonic() >= self.stop_at
+        over = self.iterations >= self.max_iterations or clock.now() >= self.stop_at
         return bool(asked) or over or self.met
 
 
@@ -136,7 +136,7 @@ def ascend(
         If the prices are negative, not finite, or of a wrong shape.
     """
     T, n, m = oracle.shape
-    begin = time.monotonic()
+    begin = clock.now()
     stop_at = begin + (np.inf if time_limit is None else time_limit)
     watch = _Watch(
         stop_at, 2000 if max_iterations is None else max_iterations, target, tolerance, callback, begin
@@ -178,7 +178,7 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
     assert smooth is not None
     wanted = descent.iterations
     cheaper, was_wide = None, False
-    began, pace, renewal = time.monotonic(), 0.0, 0.0
+    began, pace, renewal = clock.now(), 0.0, 0.0
     while smooth.iteration < descent.iterations:
         wide = descent.is_wide(oracle, smooth.iteration)
         renewed = smooth.iteration % 10 == 0 or cheaper is None or wide != was_wide
@@ -186,9 +186,9 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
             cheaper, smooth = descent.cheaper(oracle, smooth)
             was_wide = wide
         smooth = descent.step(oracle, smooth, cheaper)
-        now = time.monotonic()
+        now = clock.now()
         done, spent, began = smooth.iteration, now - began, now
-        if renewed:  # took the time of making the oracle too, and may have had to compile
+        if renewed:  # took the time of making the oracle too
             pace, renewal = 0.0, spent if done > 1 else 0.0
         elif np.isfinite(watch.stop_at):
             pace = spent if pace == 0.0 else 0.85 * pace + 0.15 * spent

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from sapopt.data.types import FloatArray
@@ -10,6 +9,7 @@ from sapopt.dynamics.paths.oracles import PathOracle, SoftPathOracle
 from sapopt.formulations.dual import dual_value
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
+from sapopt.kernels import clock
 
 _HEAT = 0.01
 """Temperature of the repricing of all that is left, in typical benefits."""
@@ -40,11 +40,11 @@ def repriced_window(oracle: PathOracle, prices: FloatArray, iterations: int, sec
     """The last prices (T, m) of a descent that cools and leaves out what no good path uses."""
     if not isinstance(oracle, SoftPathOracle):
         return prices
-    until = time.monotonic() + seconds
+    until = clock.now() + seconds
     descent = SmoothDescent(iterations, hot=_HOT, cold=_COLD, rate=_RATE)
     walk = descent.begin(prices)
     cheaper = None
-    while walk.iteration < iterations and time.monotonic() < until:
+    while walk.iteration < iterations and clock.now() < until:
         if walk.iteration % 10 == 0:
             cheaper, walk = descent.cheaper(oracle, walk)
         walk = descent.step(oracle, walk, cheaper)

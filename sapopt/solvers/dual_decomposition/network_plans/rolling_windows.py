@@ -9,13 +9,13 @@ values of the agents' best priced paths to the end of the horizon; this is the r
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels import clock
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
@@ -83,14 +83,14 @@ def rolling_windows(
         Time for everything; the windows get shorter as it demands. The result depends on it, and otherwise on ``rng``.
     """
     steps = arrays.steps
-    end = time.monotonic() + seconds
+    end = clock.now() + seconds
     pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL)
     first = 0
     while True:
         if first > 0 and reprice is not None:
             prices = prices.copy()
             prices[first:] = reprice(first, plan[first - 1], prices[first:])
-        began = time.monotonic()
+        began = clock.now()
         left = end - began
         if stop() or left <= 0.0:
             return None
@@ -101,7 +101,7 @@ def rolling_windows(
         found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit)
         plan = plan if found is None else found
         if math.isfinite(seconds):
-            pace.learn(time.monotonic() - began, allowed)
+            pace.learn(clock.now() - began, allowed)
         if last == steps:
             return plan
         first += kept
