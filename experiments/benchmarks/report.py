@@ -143,8 +143,8 @@ goes no further once a problem takes {result["cap"]:g} s; that is also the time 
 Times are processor time with one thread, without compilation; for policies it is the time of all steps over their
 number. Only the solvers of the whole horizon run in parallel and are timed by the wall clock. {environment["cores"]}
 cores, {environment["platform"]}, Python {environment["python"]}. The load was {min(loads):.1f} to {max(loads):.1f}. A
-load above the number of cores means that the machine was busy with other work. Wall-clock times, and what `dual-decomposition`
-finds within its limit, are then worse than they need be; the ratios are more reliable.""",
+load above the number of cores means that the machine was busy with other work. Wall-clock times, and what
+`dual-decomposition` finds within its limit, are then worse than they need be; the ratios are more reliable.""",
         f"Not in this run: the groups {', '.join(missing)}." if missing else "",
         "![Time, memory and value against size](images/benchmarks.png)",
     ]

@@ -2,8 +2,9 @@
 
 With B the least value that any assignment has at any step and ``|H|`` the most that handovers can cost in one step, the
 thesis (theorem 3.5.1) promises HAAL at least c / (1 + c) of the optimum, ``c = B / |H|``, if the handover matrix
-vanishes for agents that stay. What holds of it (docs/theorem.md): it is true for lookahead 1 and 2 (HAA is lookahead 1) and for
-HAAL with ``keep_plan=True`` at any lookahead; for HAAL with lookahead 3 or more it is false (small counterexamples).
+vanishes for agents that stay. What holds of it (docs/theorem.md): it is true for lookahead 1 and 2 (HAA is lookahead
+1) and for HAAL with ``keep_plan=True`` at any lookahead; for HAAL with lookahead 3 or more it is false (small
+counterexamples).
 
 The refined guarantee holds for the same algorithms. With m_k and M_k the least and the greatest value of an assignment
 at step k, every one of them collects at least ``max(m_k, M_k - |H|)`` at every step, and the optimum at most M_k. It is

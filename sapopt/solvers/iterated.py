@@ -74,6 +74,7 @@ class IteratedAssignment:
         best, top = np.empty(0, dtype=np.int64), -np.inf
         answer = outlook.assign(matrix)
         for turn in range(self.iterations):
+            outlook.check()  # an assignment problem of many agents takes a good part of a second
             value = float(alone[agents, answer].sum() + model.interaction(k, answer).sum())
             if value > top:
                 best, top = answer, value
