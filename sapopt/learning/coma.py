@@ -7,7 +7,7 @@ its size grows with the number of agents: for small problems such as the dictato
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from sapopt.learning.logs import TrainingLog
 from sapopt.learning.network import Network, new_network
 from sapopt.learning.observation import Spec
 from sapopt.learning.options import FRESH, Problems
+from sapopt.learning.resume import Standing
 from sapopt.learning.sampling import Sampled, masked_logits, sample_episode
 from sapopt.learning.train import Training
 from sapopt.running.control import Run
@@ -38,8 +39,8 @@ class COMAOptions:
         Gradient steps of the critic for one of the policy.
     explore : float
         Probability of a random choice, falling from this to 0 over the first half.
-    hidden, spec, seed, evaluate_every
-        As in `TrainOptions`.
+    hidden, spec, seed, evaluate_every, checkpoint_every
+        As in `TrainOptions`; checkpoints are written after whole batches.
     """
 
     episodes: int = 2000
@@ -55,9 +56,10 @@ class COMAOptions:
     spec: Spec = field(default_factory=GlobalSpec)
     seed: int = 0
     evaluate_every: int = 80
+    checkpoint_every: int = 80
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "gathered", "critic_steps", "evaluate_every"):
+        for name in ("episodes", "gathered", "critic_steps", "evaluate_every", "checkpoint_every"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
 
@@ -65,7 +67,7 @@ class COMAOptions:
 def train_coma(
     problems: Problems, options: COMAOptions, folder: str | Path, run: Run | None = None
 ) -> Training:
-    """Train a shared stochastic policy; parameters as for `train_ippo`."""
+    """Train a shared stochastic policy; parameters, checkpoints and errors as for `train_ippo`."""
     run = run or Run()
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -77,8 +79,19 @@ def train_coma(
     target.load_state_dict(critic.state_dict())
     adam = torch.optim.Adam(actor.parameters(), lr=options.learning_rate)
     critic_adam = torch.optim.Adam(critic.parameters(), lr=options.critic_rate)
-    episode = 0
-    with TrainingLog(folder) as record:
+    standing = Standing(
+        folder / "checkpoint.npz", asdict(options) | {"method": "coma"},
+        {"actor": actor, "critic": critic, "target": target, "best": best},
+        {"actor": adam, "critic": critic_adam},
+    )  # fmt: skip
+    saved = standing.load()
+    episode, best_value = int(saved.get("episode", 0)), float(saved.get("best_value", best_value))
+    rng.bit_generator.state = saved.get("rng", rng.bit_generator.state)
+
+    def save() -> None:
+        standing.save({"episode": episode, "best_value": best_value, "rng": rng.bit_generator.state})
+
+    with TrainingLog(folder, episode) as record:
         while episode < options.episodes and not run.expired:
             began = time.perf_counter()
             explore = options.explore * max(0.0, 1.0 - 2.0 * episode / options.episodes)
@@ -108,6 +121,9 @@ def train_coma(
             row["seconds"] = time.perf_counter() - began
             record.write(row)
             run.report(episode, options.episodes, row.get("evaluation", row["value"]), message="training")
+            if episode // options.checkpoint_every > before // options.checkpoint_every:
+                save()
+    save()
     return Training(best, best_value, episode)
 
 

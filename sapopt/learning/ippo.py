@@ -6,7 +6,7 @@ de Witt et al. (2020), with the clipped objective and generalised advantages of 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from sapopt.learning.logs import TrainingLog
 from sapopt.learning.network import Network, new_network
 from sapopt.learning.observation import ObservationSpec, Spec
 from sapopt.learning.options import FRESH, Problems
+from sapopt.learning.resume import Standing
 from sapopt.learning.sampling import Sampled, masked_logits, sample_episode
 from sapopt.learning.train import Training
 from sapopt.running.control import Run
@@ -33,7 +34,7 @@ class PPOOptions:
     learning_rate, discount, trace, ratio, entropy, clip : float
         Of Adam; gamma; lambda of the advantages; how far the ratio of probabilities may leave 1; weight of the entropy;
         largest norm of a gradient.
-    hidden, spec, seed, evaluate_every, evaluations
+    hidden, spec, seed, evaluate_every, evaluations, checkpoint_every
         As in `TrainOptions`.
     """
 
@@ -51,9 +52,10 @@ class PPOOptions:
     seed: int = 0
     evaluate_every: int = 20
     evaluations: int = 2
+    checkpoint_every: int = 20
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "epochs", "batch", "evaluate_every", "evaluations"):
+        for name in ("episodes", "epochs", "batch", "evaluate_every", "evaluations", "checkpoint_every"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         for name in ("discount", "trace", "ratio"):
@@ -72,8 +74,15 @@ def train_ippo(
         ``problems(seed)`` makes the problem of an episode.
     options : PPOOptions
     folder : path
-        For the log.
+        For the log and the checkpoint. If it holds a checkpoint of the same options the run goes on from it, and the
+        result is that of a run without the break, bit for bit (on one machine, with the same number of threads).
     run : Run, optional
+        Clock and callback; when it expires, a checkpoint is written.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds a checkpoint of other options or shapes, or a damaged one.
     """
     run = run or Run()
     folder = Path(folder)
@@ -83,9 +92,23 @@ def train_ippo(
     critic = new_network(options.spec, options.seed + 1, options.hidden, outputs=1)
     best, best_value = new_network(options.spec, options.seed, options.hidden), -np.inf
     adam = torch.optim.Adam([*actor.parameters(), *critic.parameters()], lr=options.learning_rate)
-    scale = 0.0
-    with TrainingLog(folder) as record:
-        for episode in range(options.episodes):
+    standing = Standing(
+        folder / "checkpoint.npz", asdict(options) | {"method": "ippo"},
+        {"actor": actor, "critic": critic, "best": best}, {"both": adam},
+    )  # fmt: skip
+    saved = standing.load()
+    played_before, scale = int(saved.get("episode", 0)), float(saved.get("scale", 0.0))
+    best_value = float(saved.get("best_value", best_value))
+    rng.bit_generator.state = saved.get("rng", rng.bit_generator.state)
+    done = played_before
+
+    def save() -> None:
+        standing.save(
+            {"episode": done, "scale": scale, "best_value": best_value, "rng": rng.bit_generator.state}
+        )
+
+    with TrainingLog(folder, played_before) as record:
+        for episode in range(played_before, options.episodes):
             if run.expired:
                 break
             began = time.perf_counter()
@@ -109,8 +132,12 @@ def train_ippo(
                     best.load_state_dict(actor.state_dict())
             row["seconds"] = time.perf_counter() - began
             record.write(row)
-            run.report(episode + 1, options.episodes, row.get("evaluation", row["value"]), message="training")
-    return Training(best, best_value, episode + 1)
+            done = episode + 1
+            run.report(done, options.episodes, row.get("evaluation", row["value"]), message="training")
+            if done % options.checkpoint_every == 0:
+                save()
+    save()
+    return Training(best, best_value, done)
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, discount: float, trace: float) -> np.ndarray:
