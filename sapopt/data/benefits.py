@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
-import operator
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from sapopt.data.steps import (
+    Flat,
+    StepMatrix,
+    canonical,
+    check_values,
+    checked_shape,
+    dense_array,
+    dense_step,
+    flatten,
+    flatten_array,
+    forbidding,
+    gather,
+    real_csr,
+)
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
 
-StepMatrix: TypeAlias = np.ndarray | sp.csr_array
-"""The benefits of one step: an ``(n, m)`` array or a CSR matrix of that shape."""
+__all__ = ["Benefits", "Flat", "StepMatrix", "dense_step"]
 
+_SPARSE_SHARE = 0.5
+"""Benefits with at most this share of pairs other than zero are held sparse: a CSR then takes three quarters of the
+memory of the array or less, and HAAL's compiled search, which reads CSR, is the faster one even where no pair is zero."""
 _STEPS_KEPT = 32
 """Steps of a function-backed `Benefits` that stay in memory; more than any lookahead in use."""
-
-
-@dataclass(frozen=True, eq=False)
-class Flat:
-    """One CSR matrix over all steps: row ``k * n + i`` holds the benefits of agent i at step k.
-
-    Attributes
-    ----------
-    indptr : ndarray of int64, shape (T * n + 1,)
-        Row offsets.
-    indices : ndarray of int32, shape (nnz,)
-        Tasks, ascending and unique inside a row.
-    data : ndarray of float64, shape (nnz,)
-        Benefits; pairs that are not stored have benefit 0.
-    """
-
-    indptr: IntArray
-    indices: np.ndarray
-    data: FloatArray
 
 
 class Benefits:
@@ -58,23 +53,25 @@ class Benefits:
     """
 
     shape: tuple[int, int, int]
+    _dense: FloatArray | None = None
+    _flat: Flat | None = None
+    _function: Callable[[int], Any] | None = None
+    _offset: int = 0  # of a function: the step it has for our step 0
+    _wants_sparse: bool | None = None  # form in which the steps of a function are handed out; None: as they come
+    _forbids: bool | None = None  # of a function, once all its steps were seen
 
     def __init__(self, values: Any) -> None:
-        self._dense: FloatArray | None = None
-        self._flat: Flat | None = None
-        self._function: Callable[[int], Any] | None = None
         self._kept: OrderedDict[int, StepMatrix] = OrderedDict()
-        self._offset = 0
         if isinstance(values, Benefits):
             self.__dict__.update(values.__dict__)
         elif isinstance(values, (list, tuple)) and len(values) > 0 and any(sp.issparse(v) for v in values):
-            self._flat, self.shape = _flatten(values)
+            self._flat, self.shape = flatten(values)
         elif sp.issparse(values):
             raise ValueError(
                 "benefits: one sparse matrix is one step; pass a list with a matrix for every step"
             )
         else:
-            self._dense = _dense_array(values)
+            self._dense = dense_array(values)
             self.shape = (self._dense.shape[0], self._dense.shape[1], self._dense.shape[2])
 
     @classmethod
@@ -86,16 +83,16 @@ class Benefits:
         ValueError
             If the arrays do not describe such a matrix, or hold NaN or +inf.
         """
-        steps, n, m = _checked_shape(shape)
+        steps, n, m = checked_shape(shape)
         matrix = sp.csr_array(
             (real_array(data, "data"), index_array(indices, "indices"), index_array(indptr, "indptr")),
             shape=(steps * n, m),
         )
         matrix.check_format(full_check=True)
         out = cls.__new__(cls)
-        out.__dict__.update(_dense=None, _function=None, _kept=OrderedDict(), _offset=0)
-        out._flat = _canonical(matrix)
-        _check_values(out._flat.data, "benefits")
+        out._kept = OrderedDict()
+        out._flat = canonical(matrix)
+        check_values(out._flat.data, "benefits")
         out.shape = (steps, n, m)
         return out
 
@@ -110,9 +107,9 @@ class Benefits:
         shape : (T, n, m)
         """
         out = cls.__new__(cls)
-        out.__dict__.update(_dense=None, _flat=None, _kept=OrderedDict(), _offset=0)
+        out._kept = OrderedDict()
         out._function = function
-        out.shape = _checked_shape(shape)
+        out.shape = checked_shape(shape)
         return out
 
     def __repr__(self) -> str:
@@ -123,7 +120,60 @@ class Benefits:
     @property
     def is_sparse(self) -> bool:
         """Whether the steps are CSR matrices."""
-        return self._flat is not None or (self._function is not None and sp.issparse(self.step(0)))
+        if self._function is not None:
+            return sp.issparse(self.step(0)) if self._wants_sparse is None else self._wants_sparse
+        return self._flat is not None
+
+    def settled(self) -> Benefits:
+        """The same benefits in the form that suits the numbers: sparse if at most half of the pairs are not zero.
+
+        A problem holds its benefits like this, so that one problem has one speed and, where plans tie, one plan,
+        however its benefits were given. A function is called for every step, and again later for steps that were
+        dropped from memory; what it returns is handed out in the one form.
+
+        Returns
+        -------
+        Benefits
+            This very object if it is in that form.
+        """
+        steps, n, m = self.shape
+        most = int(_SPARSE_SHARE * steps * n * m)
+        if self._function is not None:
+            return self if self._forbids is not None else self._surveyed(most)
+        if self._flat is not None:
+            return self if len(self._flat.data) <= most else Benefits(self.dense())
+        assert self._dense is not None
+        filled = 0
+        for step in self._dense:
+            filled += int(np.count_nonzero(step != 0))  # counting truth values is the fastest way
+            if filled > most:
+                return self
+        out = Benefits.__new__(Benefits)
+        out.__dict__.update(_kept=OrderedDict(), _flat=flatten_array(self._dense), shape=self.shape)
+        return out
+
+    def _surveyed(self, most: int) -> Benefits:
+        """A function's benefits after a look at every step."""
+        out = Benefits.__new__(Benefits)
+        out.__dict__.update(self.__dict__, _kept=OrderedDict(), _wants_sparse=None, _forbids=False)
+        filled = 0
+        for k in range(self.shape[0]):
+            step = out.step(k)
+            filled += int(np.count_nonzero(step)) if isinstance(step, np.ndarray) else step.nnz
+            out._forbids = out._forbids or forbidding(step)
+        out._wants_sparse = filled <= most
+        for k, step in out._kept.items():
+            out._kept[k] = out._handed_out(step)
+        return out
+
+    def _handed_out(self, step: StepMatrix) -> StepMatrix:
+        """A function's step in the form that was settled on."""
+        if self._wants_sparse is None or self._wants_sparse == sp.issparse(step):
+            return step
+        if sp.issparse(step):
+            return dense_step(step)
+        flat = flatten_array(np.asarray(step)[None])
+        return sp.csr_array((flat.data, flat.indices, flat.indptr), shape=step.shape)
 
     def step(self, k: int) -> StepMatrix:
         """Benefits of step k, 0-based: ``(n, m)`` array, or CSR matrix if sparse."""
@@ -150,15 +200,15 @@ class Benefits:
         value: StepMatrix
         name = f"benefits at step {k + self._offset}"
         if sp.issparse(raw):
-            flat = _canonical(_real_csr(raw, name))
+            flat = canonical(real_csr(raw, name))
             value = sp.csr_array((flat.data, flat.indices, flat.indptr), shape=raw.shape)
-            _check_values(flat.data, name)
+            check_values(flat.data, name)
         else:
             value = real_array(raw, name).copy()  # the function may fill one buffer again and again
-            _check_values(value, name)
+            check_values(value, name)
         if value.shape != (n, m):
             raise ValueError(f"{name} have shape {value.shape}, expected {(n, m)}")
-        self._kept[k] = value
+        value = self._kept[k] = self._handed_out(value)
         if len(self._kept) > _STEPS_KEPT:
             self._kept.popitem(last=False)
         return value
@@ -178,13 +228,16 @@ class Benefits:
             out._flat = Flat(indptr - indptr[0], self._flat.indices[span], self._flat.data[span])
         else:
             out._offset = self._offset + start
+            out._forbids = None  # the steps that forbid may lie outside
         return out
 
     def flat(self) -> Flat:
         """All steps as one CSR; a dense array gives up its zeros."""
         if self._flat is not None:
             return self._flat
-        return _flatten([sp.csr_array(self.step(k)) for k in range(self.shape[0])])[0]
+        if self._dense is not None:
+            return flatten_array(self._dense)
+        return flatten([sp.csr_array(self.step(k)) for k in range(self.shape[0])])[0]
 
     def dense(self) -> FloatArray:
         """All steps as an array of shape ``(T, n, m)``."""
@@ -207,7 +260,7 @@ class Benefits:
         plan = np.asarray(plan)
         if self._dense is not None:
             return np.take_along_axis(self._dense, plan[:, :, None], axis=2)[:, :, 0]
-        return np.stack([_gather(self.step(k), plan[k]) for k in range(steps)])
+        return np.stack([gather(self.step(k), plan[k]) for k in range(steps)])
 
     def window(self, start: int, stop: int) -> StepMatrix:
         """Sum of the benefits of the steps ``start .. stop - 1``, as array or CSR matrix."""
@@ -236,7 +289,7 @@ class Benefits:
             raise ValueError(f"count must not be negative, got {extra}")
         if self._flat is not None:
             out = Benefits.__new__(Benefits)
-            out.__dict__.update(self.__dict__, shape=(steps, n, m + extra))
+            out.__dict__.update(self.__dict__, _kept=OrderedDict(), shape=(steps, n, m + extra))
             return out
         if self._dense is not None:
             return Benefits(np.concatenate([self._dense, np.zeros((steps, n, extra))], axis=2))
@@ -255,116 +308,6 @@ class Benefits:
             return bool(np.isneginf(self._dense).any())
         if self._flat is not None:
             return bool(np.isneginf(self._flat.data).any())
-        return any(_has_neginf(self.step(k)) for k in range(self.shape[0]))
-
-
-def dense_step(step: StepMatrix) -> FloatArray:
-    """One step as an ``(n, m)`` array."""
-    return step if isinstance(step, np.ndarray) else step.toarray()
-
-
-def _has_neginf(step: StepMatrix) -> bool:
-    return bool(np.isneginf(step if isinstance(step, np.ndarray) else step.data).any())
-
-
-def _gather(step: StepMatrix, tasks: IntArray) -> FloatArray:
-    agents = np.arange(len(tasks))
-    if isinstance(step, np.ndarray):
-        return np.asarray(step[agents, tasks])
-    # A binary search in every row at once: tasks ascend inside a row, so `row * m + task` ascends over the matrix.
-    n, m = step.shape
-    if step.nnz == 0:
-        return np.zeros(n)
-    keys = np.repeat(agents, np.diff(step.indptr)) * m + step.indices
-    wanted = agents * m + tasks
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[place] == wanted, step.data[place], 0.0)
-
-
-def _checked_shape(shape: Sequence[int]) -> tuple[int, int, int]:
-    try:
-        steps, n, m = (operator.index(s) for s in shape)
-    except (TypeError, ValueError):
-        steps, n, m = 0, 0, 0
-    if min(steps, n, m) < 1:
-        raise ValueError(f"benefits need a shape (T, n, m) of three positive whole numbers, got {shape!r}")
-    return steps, n, m
-
-
-def _check_values(values: FloatArray, name: str) -> None:
-    # The sum is finite for almost every valid input, and one pass is all that then happens.
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = values.sum()
-    if np.isfinite(total):
-        return
-    if np.isnan(values).any():
-        where = (
-            ""
-            if values.ndim == 1
-            else f" (first at index {tuple(int(i) for i in np.argwhere(np.isnan(values))[0])})"
-        )
-        raise ValueError(f"{name} contain NaN{where}; use 0 for no benefit or -inf for a forbidden pair")
-    if np.isposinf(values).any():
-        raise ValueError(f"{name} contain +inf; use a finite number")
-    with np.errstate(over="ignore"):
-        if not np.isfinite(values[np.isfinite(values)].sum()):
-            raise ValueError(f"{name} are so large that their sum overflows")
-
-
-def _dense_array(values: Any) -> FloatArray:
-    try:
-        array = real_array(values, "values")
-    except ValueError as error:
-        raise ValueError(
-            "benefits must be a (T, n, m) array of numbers with the same n and m at every step, "
-            f"or a list of sparse matrices ({error})"
-        ) from None
-    if array.ndim != 3:
-        hint = "; for a single step pass values[None]" if array.ndim == 2 else ""
-        raise ValueError(f"benefits must have three axes (T, n, m), got shape {array.shape}{hint}")
-    _checked_shape(array.shape)
-    _check_values(array, "benefits")
-    return array
-
-
-def _real_csr(value: Any, name: str) -> sp.csr_array:
-    if value.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be real numbers, got {value.dtype}")
-    return sp.csr_array(value, dtype=np.float64)
-
-
-def _canonical(matrix: sp.csr_array) -> Flat:
-    if not matrix.has_canonical_format or (matrix.data == 0).any():
-        matrix = matrix.copy()
-        matrix.sum_duplicates()
-        matrix.eliminate_zeros()
-    return Flat(
-        np.asarray(matrix.indptr, dtype=np.int64),
-        np.asarray(matrix.indices, dtype=np.int32),
-        np.asarray(matrix.data, dtype=np.float64),
-    )
-
-
-def _flatten(values: Sequence[Any]) -> tuple[Flat, tuple[int, int, int]]:
-    parts: list[Flat] = []
-    first: tuple[int, ...] = ()
-    for k, value in enumerate(values):
-        name = f"benefits at step {k}"
-        matrix = value if sp.issparse(value) else real_array(value, name)
-        first = first or matrix.shape
-        if matrix.shape != first or len(first) != 2:
-            raise ValueError(f"{name} have shape {matrix.shape}, step 0 has {first}; all must be (n, m)")
-        flat = _canonical(_real_csr(matrix, name))
-        _check_values(flat.data, name)
-        parts.append(flat)
-    shape = _checked_shape((len(values), *first))
-    starts = np.concatenate([[0], np.cumsum([len(p.data) for p in parts])])
-    indptr = np.concatenate([[0]] + [p.indptr[1:] + s for p, s in zip(parts, starts[:-1], strict=True)])
-    return (
-        Flat(
-            indptr.astype(np.int64),
-            np.concatenate([p.indices for p in parts]),
-            np.concatenate([p.data for p in parts]),
-        ),
-        shape,
-    )
+        if self._forbids is not None:
+            return self._forbids
+        return any(forbidding(self.step(k)) for k in range(self.shape[0]))

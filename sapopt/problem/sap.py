@@ -73,7 +73,7 @@ class SAP:
         agents: Sequence[str] | None = None,
         tasks: Sequence[str] | None = None,
     ) -> None:
-        self.benefits = benefits if isinstance(benefits, Benefits) else Benefits(benefits)
+        self.benefits = Benefits(benefits).settled()
         self.T, self.n, self.m = self.benefits.shape
         if self.n > self.m:
             raise ValueError(

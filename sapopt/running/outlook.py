@@ -178,7 +178,7 @@ def rollout(
 
 
 def _forecast_windows(forecast: Forecast, problem: SAP, k: int) -> WindowSums:
-    seen = Benefits(forecast(k, problem.T - k))
+    seen = Benefits(forecast(k, problem.T - k)).settled()
     if seen.shape[1:] != (problem.n, problem.m) or seen.shape[0] > problem.T - k:
         raise ValueError(
             f"forecast({k}, {problem.T - k}) returned shape {seen.shape}, "
