@@ -21,9 +21,8 @@ from sapopt.data.steps import (
     flatten_array,
     forbidding,
     gather,
-    real_csr,
 )
-from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.data.types import FloatArray, IntArray, index_array, real_array, real_csr
 
 __all__ = ["Benefits", "Flat", "StepMatrix", "dense_step"]
 
@@ -56,8 +55,10 @@ class Benefits:
     _dense: FloatArray | None = None
     _flat: Flat | None = None
     _function: Callable[[int], Any] | None = None
-    _offset: int = 0  # of a function: the step it has for our step 0
-    _wants_sparse: bool | None = None  # form in which the steps of a function are handed out; None: as they come
+    _offset: int = 0  # of a function: the step that it has for our step 0
+    _wants_sparse: bool | None = (
+        None  # form in which the steps of a function are handed out; None: as they come
+    )
     _forbids: bool | None = None  # of a function, once all its steps were seen
 
     def __init__(self, values: Any) -> None:
@@ -155,11 +156,12 @@ class Benefits:
     def _surveyed(self, most: int) -> Benefits:
         """A function's benefits after a look at every step."""
         out = Benefits.__new__(Benefits)
-        out.__dict__.update(self.__dict__, _kept=OrderedDict(), _wants_sparse=None, _forbids=False)
+        kept = OrderedDict(self._kept)  # steps that are in memory already, perhaps in another form
+        out.__dict__.update(self.__dict__, _kept=kept, _wants_sparse=None, _forbids=False)
         filled = 0
         for k in range(self.shape[0]):
             step = out.step(k)
-            filled += int(np.count_nonzero(step)) if isinstance(step, np.ndarray) else step.nnz
+            filled += int(np.count_nonzero(step != 0)) if isinstance(step, np.ndarray) else step.nnz
             out._forbids = out._forbids or forbidding(step)
         out._wants_sparse = filled <= most
         for k, step in out._kept.items():
@@ -192,13 +194,14 @@ class Benefits:
 
     def _computed(self, k: int) -> StepMatrix:
         assert self._function is not None
+        k += self._offset
         if k in self._kept:
             self._kept.move_to_end(k)
             return self._kept[k]
         _, n, m = self.shape
-        raw = self._function(k + self._offset)
+        raw = self._function(k)
         value: StepMatrix
-        name = f"benefits at step {k + self._offset}"
+        name = f"benefits at step {k}"
         if sp.issparse(raw):
             flat = canonical(real_csr(raw, name))
             value = sp.csr_array((flat.data, flat.indices, flat.indptr), shape=raw.shape)
@@ -219,7 +222,7 @@ class Benefits:
         if not 0 <= start < stop <= steps:
             raise ValueError(f"steps {start}..{stop - 1} are not within 0..{steps - 1}")
         out = Benefits.__new__(Benefits)
-        out.__dict__.update(self.__dict__, _kept=OrderedDict(), shape=(stop - start, n, m))
+        out.__dict__.update(self.__dict__, shape=(stop - start, n, m))  # the steps in memory are shared
         if self._dense is not None:
             out._dense = self._dense[start:stop]
         elif self._flat is not None:

@@ -6,7 +6,7 @@ import json
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -19,10 +19,20 @@ def write_npz(path: str | Path, meta: dict[str, Any], arrays: dict[str, Any]) ->
     text = json.dumps(meta | {"arrays": sorted(arrays)}, default=_plain)
     try:
         with temporary.open("wb") as file:
-            np.savez_compressed(file, meta=np.array(text), **arrays)
+            _write_zip(file, {"meta": np.array(text), **arrays})
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _write_zip(file: IO[bytes], arrays: dict[str, Any]) -> None:
+    """`numpy.savez_compressed` without the time of day: equal content makes equal files."""
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, array in arrays.items():
+            entry = zipfile.ZipInfo(name + ".npy", (1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
 
 
 def _plain(value: Any) -> Any:

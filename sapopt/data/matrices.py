@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.data.types import FloatArray, IntArray, real_array
+from sapopt.data.types import FloatArray, IntArray, real_array, real_csr
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def checked_matrix(matrix: Any) -> Matrix:
         return matrix
     is_sparse = sp.issparse(matrix)
     if is_sparse:
-        matrix = sp.csr_array(matrix)
+        matrix = real_csr(matrix, "matrix")
     values = real_array(matrix.data if is_sparse else matrix, "matrix")
     shape = matrix.shape if is_sparse else values.shape
     if len(shape) != 2 or 0 in shape:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -21,8 +22,7 @@ def real_array(values: Any, name: str) -> FloatArray:
     ValueError
         If the values are ragged, masked, or not real numbers; `name` is the argument to blame.
     """
-    if np.ma.is_masked(values):
-        raise ValueError(f"{name} must not be masked; fill the masked entries")
+    _refuse_masked(values, name)
     try:
         raw = np.asarray(values)
         if raw.dtype.kind not in "biufO":
@@ -33,14 +33,25 @@ def real_array(values: Any, name: str) -> FloatArray:
     return array
 
 
+def real_csr(value: Any, name: str) -> sp.csr_array:
+    """A sparse matrix from outside as CSR of float64; `name` is the argument to blame.
+
+    The numbers become float64 before scipy adds up pairs that are listed twice: in uint8, 200 + 100 would be 44.
+    """
+    if value.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be real numbers, got {value.dtype}")
+    return sp.csr_array(value.astype(np.float64, copy=False))
+
+
 def index_array(values: Any, name: str) -> IntArray:
     """`values` as a new array of int64.
 
     Raises
     ------
     ValueError
-        If the values are ragged or not whole numbers; `name` is the argument to blame.
+        If the values are ragged, masked, or not whole numbers; `name` is the argument to blame.
     """
+    _refuse_masked(values, name)
     try:
         raw = np.asarray(values)
     except ValueError as error:
@@ -50,3 +61,13 @@ def index_array(values: Any, name: str) -> IntArray:
     if not whole or (raw.size and not (float(raw.min()) >= -(2**63) and float(raw.max()) < 2**63)):
         raise ValueError(f"{name} must hold integers (indices of tasks)")
     return raw.astype(np.int64)
+
+
+def _refuse_masked(values: Any, name: str) -> None:
+    """Refuse masked entries, in lists of masked arrays as well: `numpy.asarray` would count what is masked."""
+    if isinstance(values, (list, tuple)) or (isinstance(values, np.ndarray) and values.dtype.kind == "O"):
+        for value in values:
+            if isinstance(value, (list, tuple, np.ndarray)):
+                _refuse_masked(value, name)
+    if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
+        raise ValueError(f"{name} must not be masked; fill the masked entries")

@@ -36,7 +36,8 @@ class SAP:
     Parameters
     ----------
     benefits : array_like of shape (T, n, m), list of T sparse matrices, or Benefits
-        Static benefits, n <= m. ``-inf`` forbids a pair.
+        Static benefits, n <= m. ``-inf`` forbids a pair. Held sparse if at most half of the pairs are not zero, whatever
+        their form (`Benefits.settled`).
     dynamics : Dynamics or float
         State model, for example ``SwitchingCost(0.5)``; a number is the cost of a `SwitchingCost`.
     initial_assignment : array_like of shape (n,), optional
@@ -233,7 +234,7 @@ class SAP:
             flat = self.benefits.flat()
             arrays |= {"indptr": flat.indptr, "indices": flat.indices, "data": flat.data}
         else:
-            arrays["dense"] = self.benefits.dense()
+            arrays["dense"] = self.benefits.dense() + 0.0  # no negative zeros: equal problems, equal files
         if self.initial_assignment is not None:
             arrays["initial_assignment"] = self.initial_assignment
         write_npz(path, meta, arrays)

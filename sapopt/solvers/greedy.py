@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.assignment import best_assignment
 from sapopt.data.benefits import StepMatrix, dense_step
 from sapopt.data.matrices import GainMatrix
 from sapopt.data.types import FloatArray, IntArray
@@ -140,7 +139,7 @@ def _repaired(chosen: IntArray, allowed: np.ndarray | None, outlook: Outlook) ->
     kept[picked, chosen[picked]] = 1.0 + worth / (
         1.0 + worth.sum()
     )  # one more choice outweighs all their worth
-    return best_assignment(kept, outlook.parking).tasks
+    return outlook.assign(kept)
 
 
 def _myopic_sparse(matrix: GainMatrix, outlook: Outlook) -> IntArray:

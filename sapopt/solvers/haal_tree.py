@@ -63,7 +63,7 @@ class CompiledTree:
         rule, sums = outlook.model.switching(), outlook.windows
         if rule is None or rule.uniform_cost is None or not sums.is_sparse:
             return None
-        lookahead = min(lookahead, outlook.end - outlook.k)
+        lookahead = min(lookahead, sums.end - sums.first)  # an earlier step may be asked for later on
         if (lookahead + 1) * 2**lookahead * sums.n * 4 > _MOST_BYTES:
             return None
         return cls(sums, lookahead, rule.uniform_cost, rule.idle_is_free)

@@ -50,6 +50,8 @@ def sparse_instance(seed: int, *, integer: bool, square: bool) -> SAP:
     shape = (steps, n, m)
     values = rng.integers(1, 4, shape) if integer else rng.uniform(0.1, 2.0, shape)
     values = np.where(rng.random(shape) < rng.uniform(0.15, 0.7), values, 0).astype(float)
+    while 2 * np.count_nonzero(values) > values.size:  # a problem holds those as an array
+        values[rng.random(shape) < 0.2] = 0.0
     initial = rng.permutation(m)[:n] if rng.random() < 0.5 else None
     cost = float(rng.integers(0, 3)) if integer else float(rng.uniform(0, 1.5))
     dynamics = SwitchingCost(cost, idle_is_free=bool(rng.random() < 0.5))

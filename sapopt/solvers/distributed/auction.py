@@ -10,7 +10,7 @@ import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError, explain_infeasible
 from sapopt.data.matrices import GainMatrix, Matrix
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, real_array, real_csr
 from sapopt.kernels.blocks import thread_count
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
@@ -317,7 +317,7 @@ class DistributedAuction(Talks):
 def _one_step(matrix: Any) -> GainMatrix:
     import scipy.sparse as sp
 
-    values = sp.csr_array(matrix) if sp.issparse(matrix) else np.asarray(matrix, dtype=np.float64)
+    values = real_csr(matrix, "matrix") if sp.issparse(matrix) else real_array(matrix, "matrix")
     if len(values.shape) != 2 or 0 in values.shape:
         raise ValueError(f"matrix must have shape (n, m), got {values.shape}")
     if values.shape[0] > values.shape[1]:

@@ -152,7 +152,8 @@ def test_an_interval_is_worth_what_holding_yields(case: Case, data: st.DataObjec
         state = problem.initial_state()
         for k in range(start):
             state = problem.transition(k, state, plan[k])
-        found = problem.model.interval(WindowSums(problem.benefits), start, stop, state)
+        windows = WindowSums(Benefits(as_form(case.benefits, form)))  # in just this form, whatever suits it
+        found = problem.model.interval(windows, start, stop, state)
         assert isinstance(found, GainMatrix) == (form == "sparse")
         matrices.append(found.toarray() if isinstance(found, GainMatrix) else found)
     for matrix in matrices:

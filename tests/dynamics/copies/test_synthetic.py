@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import FORMS, arrays, as_form, plans_of, quarters, sizes, sparse_quarters
 
-from sapopt import SAP, SwitchingCost, bound, certify, solve, verify
+from sapopt import SAP, Benefits, SwitchingCost, bound, certify, solve, verify
 from sapopt.data.matrices import GainMatrix
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics import SyntheticSwitching
@@ -107,7 +107,8 @@ def test_intervals(case: Case, data: st.DataObject) -> None:
         problem = case.problem(form)
         state = problem.initial_state() if start == 0 else problem.transition(start - 1, None, before)
         expected = case.benefits[start:stop].sum(axis=0) + problem.handover(start, state)
-        matrix = problem.model.interval(WindowSums(problem.benefits), start, stop, state)
+        windows = WindowSums(Benefits(as_form(case.benefits, form)))  # in just this form, whatever suits it
+        matrix = problem.model.interval(windows, start, stop, state)
         if form.startswith("sparse"):
             assert isinstance(matrix, GainMatrix), "a sparse problem must never become dense"
         values = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix

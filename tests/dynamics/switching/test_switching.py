@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import FORMS, Instance, instances
+from strategies import FORMS, Instance, as_form, instances
 
 from sapopt import SAP, Benefits, GainMatrix, SwitchingCost
 from sapopt.data.windows import WindowSums
@@ -56,7 +56,10 @@ def test_interval_is_window_plus_handover(situation: Any) -> None:
     expected = instance.benefits[start:stop].sum(axis=0) + definition(instance, start, state)
     for form in FORMS:
         problem = instance.problem(form)
-        matrix = problem.model.interval(WindowSums(problem.benefits), start, stop, state)
+        windows = WindowSums(
+            Benefits(as_form(instance.benefits, form))
+        )  # in just this form, whatever suits it
+        matrix = problem.model.interval(windows, start, stop, state)
         if form.startswith("sparse") and np.ndim(instance.cost) == 0:
             assert isinstance(matrix, GainMatrix), "a sparse problem with one cost must never become dense"
         values = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix
