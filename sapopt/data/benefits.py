@@ -28,7 +28,7 @@ __all__ = ["Benefits", "Flat", "StepMatrix", "dense_step"]
 
 _SPARSE_SHARE = 0.5
 """Benefits with at most this share of pairs other than zero are held sparse: a CSR then takes three quarters of the
-memory of the array or less, and HAAL's compiled search, which reads CSR, is the faster one even where no pair is zero."""
+memory of the array or less, and HAAL's compiled search, which reads CSR, is the faster one even where none is zero."""
 _STEPS_KEPT = 32
 """Steps of a function-backed `Benefits` that stay in memory; more than any lookahead in use."""
 

@@ -36,8 +36,8 @@ class SAP:
     Parameters
     ----------
     benefits : array_like of shape (T, n, m), list of T sparse matrices, or Benefits
-        Static benefits, n <= m. ``-inf`` forbids a pair. Held sparse if at most half of the pairs are not zero, whatever
-        their form (`Benefits.settled`).
+        Static benefits, n <= m. ``-inf`` forbids a pair. Held sparse if at most half of the pairs are not zero,
+        whatever form they come in (`Benefits.settled`).
     dynamics : Dynamics or float
         State model, for example ``SwitchingCost(0.5)``; a number is the cost of a `SwitchingCost`.
     initial_assignment : array_like of shape (n,), optional
