@@ -82,7 +82,7 @@ def ours(problem: SAP, seconds: float) -> dict[str, Any]:
 def plain(problem: SAP, seconds: float) -> dict[str, Any]:
     """HiGHS on the whole network."""
     began = time.perf_counter()
-    answer = maximise(network.compile(problem).programme(), seconds=seconds)
+    answer = maximise(network.formulate(problem).programme(), seconds=seconds)
     return {
         "value": answer.value, "bound": answer.bound, "seconds": time.perf_counter() - began,
         "status": answer.ending.value,

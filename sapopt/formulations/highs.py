@@ -1,5 +1,9 @@
 """Linear and mixed-integer programmes as plain arrays, and HiGHS with a clock, a cut-off and a start.
 
+Every run of HiGHS in this library is one of two: `maximise` solves a programme once; a `GrowingProgramme` is a linear
+one that gets columns and rows between its solutions. Both hold a time limit and hear Ctrl-C, which `sapopt.solve` turns
+into a run that is stopped: `maximise` asks its `Watch`, a `GrowingProgramme` its clock.
+
 Statuses are told apart: a proven optimum, an incumbent with a bound when time or patience ended, an infeasible
 programme, and a solver that failed (`SolverError`).
 """
@@ -8,6 +12,7 @@ from __future__ import annotations
 
 import enum
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -87,7 +92,12 @@ class Answer:
 
 
 Watch = Callable[[float, float], bool]
-"""``watch(value, bound) -> stop?``, called now and then while the solver runs."""
+"""``watch(value, bound) -> stop?``, called ten times a second while the solver runs, in the thread that called it."""
+
+_LOOK = 0.1
+"""Seconds between two looks at the watch."""
+_FIRST_SLICE = 0.1
+"""Seconds that a growing programme is solved before the first look at the clock."""
 
 
 def maximise(
@@ -109,7 +119,7 @@ def maximise(
     relaxed : bool
         Solve the linear relaxation.
     seconds : float
-        Time limit.
+        Time limit, for handing the programme over and solving it.
     tolerance : float
         Relative gap at which a point counts as optimal.
     cutoff : float
@@ -135,12 +145,11 @@ def maximise(
         return Answer(
             Ending.OPTIMAL if feasible else Ending.INFEASIBLE, np.zeros(0) if feasible else None, value, value
         )
+    stop_at = time.monotonic() + seconds
     if seconds <= 0:
         return Answer(Ending.TIME_LIMIT, None, -np.inf, np.inf)
     solver = highspy.Highs()
     settings: dict[str, Any] = {"output_flag": False, "mip_rel_gap": tolerance, "mip_abs_gap": 1e-9}
-    if np.isfinite(seconds):
-        settings["time_limit"] = float(seconds)
     if np.isfinite(cutoff):
         settings["objective_bound"] = float(programme.offset - cutoff)  # of the minimisation
     for name, value in (settings | (options or {})).items():
@@ -150,7 +159,12 @@ def maximise(
         point = highspy.HighsSolution()
         point.col_value = np.asarray(start, dtype=np.float64)
         solver.setSolution(point)
-    interrupted = _run(solver, programme.offset, watch)
+    if np.isfinite(stop_at):
+        left = stop_at - time.monotonic()  # large programmes take seconds to hand over
+        if left <= 0:
+            return Answer(Ending.TIME_LIMIT, None, -np.inf, np.inf)
+        solver.setOptionValue("time_limit", left)
+    interrupted = _run(solver, programme.offset, watch, stop_at)
     return _answer(highspy, solver, programme, relaxed, interrupted, cutoff)
 
 
@@ -170,12 +184,15 @@ def _model(highspy: Any, programme: Programme, relaxed: bool) -> Any:
     model.a_matrix_.value_ = rows.data
     if not relaxed and programme.integer.any():
         whole, real = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
-        model.integrality_ = [whole if flag else real for flag in programme.integer]
+        model.integrality_ = np.where(programme.integer, whole, real).tolist()
     return model
 
 
-def _run(solver: Any, offset: float, watch: Watch | None) -> bool:
-    """Run in a thread of its own, so that Ctrl-C and the watch are heard. Returns whether it was interrupted."""
+def _run(solver: Any, offset: float, watch: Watch | None, stop_at: float) -> bool:
+    """Run in a thread of its own, so that Ctrl-C and the watch are heard. Returns whether the watch ended it.
+
+    HiGHS asks whether to stop more often than it looks at its own clock, so it is told when the time is over as well.
+    """
     stop = threading.Event()
     seen = [-np.inf, np.inf]
 
@@ -192,19 +209,32 @@ def _run(solver: Any, offset: float, watch: Watch | None) -> bool:
     solver.cbIpmInterrupt += listen
     solver.cbMipLogging += note
     worker = threading.Thread(target=solver.run, daemon=True)
-    worker.start()
-    broken = False
+    asked = False
+    try:
+        worker.start()
+        while worker.is_alive():
+            worker.join(_LOOK)
+            if watch is not None and not asked and watch(seen[0], seen[1]):
+                asked = True
+                stop.set()
+            if time.monotonic() > stop_at:
+                stop.set()
+    finally:
+        stop.set()
+        _wait(worker)
+    return asked
+
+
+def _wait(worker: threading.Thread) -> None:
+    """Wait for the end of a thread, whatever the user presses: Python must not end while HiGHS calls back into it."""
+    interruption = None
     while worker.is_alive():
         try:
-            worker.join(0.1)
-            if watch is not None and not stop.is_set() and watch(seen[0], seen[1]):
-                stop.set()
-        except KeyboardInterrupt:
-            broken = True
-            stop.set()
-    if broken:
-        raise KeyboardInterrupt
-    return stop.is_set()
+            worker.join()
+        except KeyboardInterrupt as error:
+            interruption = error
+    if interruption is not None:
+        raise interruption
 
 
 def _answer(
@@ -238,3 +268,89 @@ def _answer(
     if status in (states.kObjectiveBound, states.kObjectiveTarget):
         return Answer(Ending.OPTIMAL, x, value, bound, nodes, duals)
     raise SolverError(f"HiGHS ended with {solver.modelStatusToString(status)!r}; give it more time or memory")
+
+
+class GrowingProgramme:
+    """A linear programme that grows: after a change, the next solution starts from the basis of the last one.
+
+    Parameters
+    ----------
+    programme : Programme
+        What it begins with; `integer` does not count.
+    """
+
+    def __init__(self, programme: Programme) -> None:
+        import highspy
+
+        self._solver = highspy.Highs()
+        for name, value in (("output_flag", False), ("threads", 1), ("presolve", "off")):
+            self._solver.setOptionValue(name, value)
+        self._solver.passModel(_model(highspy, programme, relaxed=True))
+        self._unfinished = highspy.HighsModelStatus.kTimeLimit
+
+    def add_columns(self, gain: FloatArray, columns: Any) -> None:
+        """Add columns (rows, count) with their gains (count,), each at least 0."""
+        columns = sp.csc_array(columns)
+        count = len(gain)
+        self._solver.addCols(
+            count, -gain, np.zeros(count), np.full(count, np.inf), columns.nnz,
+            columns.indptr.astype(np.int32), columns.indices.astype(np.int32), columns.data,
+        )  # fmt: skip
+
+    def add_rows(self, rows: Any, high: FloatArray) -> None:
+        """Add rows (count, columns) with their upper sides (count,)."""
+        rows = sp.csr_array(rows)
+        self._solver.addRows(
+            len(high), np.full(len(high), -np.inf), high, rows.nnz,
+            rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data,
+        )  # fmt: skip
+
+    def set_upper(self, columns: np.ndarray, upper: FloatArray) -> None:
+        """Change the upper bounds of some columns."""
+        self._solver.changeColsBounds(len(columns), columns.astype(np.int32), np.zeros(len(columns)), upper)
+
+    def set_gain(self, columns: np.ndarray, gain: FloatArray) -> None:
+        """Change the gains of some columns."""
+        self._solver.changeColsCost(len(columns), columns.astype(np.int32), -gain)
+
+    @property
+    def basis(self) -> Any:
+        """The basis of the last solution; can be set to begin with it again."""
+        return self._solver.getBasis()
+
+    @basis.setter
+    def basis(self, basis: Any) -> None:
+        self._solver.setBasis(basis)
+
+    @property
+    def x(self) -> FloatArray:
+        """The last point, optimal or not."""
+        return np.asarray(self._solver.getSolution().col_value, dtype=np.float64)
+
+    @property
+    def duals(self) -> FloatArray:
+        """Row duals of the last basis; any numbers make a Lagrangian bound, these make a good one."""
+        return -np.asarray(self._solver.getSolution().row_dual, dtype=np.float64)
+
+    def solve(self, stop: Callable[[], bool] = lambda: False, iterations: int | None = None) -> bool:
+        """Solve, or take a number of simplex steps. Returns False if ``stop()`` came true before the end.
+
+        The simplex method goes on from where a time limit interrupted it, so the clock is looked at between slices of
+        time, each as long as all before it: a callback at every step would cost a seventh of the time, and a slice of
+        fixed length might be too short for a single step.
+        """
+        self._solver.setOptionValue(
+            "simplex_iteration_limit", 2**31 - 1 if iterations is None else iterations
+        )
+        spent = 0.0
+        while not stop():
+            began = time.monotonic()
+            slice_end = self._solver.getRunTime() + max(
+                _FIRST_SLICE, spent
+            )  # HiGHS adds up the time of all its runs
+            self._solver.setOptionValue("time_limit", slice_end)
+            self._solver.run()
+            spent += time.monotonic() - began
+            if self._solver.getModelStatus() != self._unfinished:
+                return True
+        return False

@@ -5,7 +5,7 @@ is the plain form, sequence by sequence and without memory, for study and for te
 `sapopt.solvers.HAAL` is the fast one.
 
     accepts(problem) -> reason or None
-    compile(problem, k, lookahead, state) -> Intervals
+    formulate(problem, k, lookahead, state) -> Intervals
     recover(intervals) -> assignment
 """
 
@@ -85,7 +85,7 @@ def accepts(problem: SAP) -> str | None:
     return None
 
 
-def compile(problem: SAP, k: int, lookahead: int, state: Any) -> Intervals:
+def formulate(problem: SAP, k: int, lookahead: int, state: Any) -> Intervals:
     """The interval sequences of the window ``k .. min(k + lookahead, T) - 1``.
 
     Raises

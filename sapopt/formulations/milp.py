@@ -4,26 +4,29 @@ Booleans ``x[k][i, j]`` say who holds what. A uniform switching cost needs one m
 share in which the pair was already held; a cost matrix needs the transport between two assignments; any other
 agent-local dynamics the product of local state and task.
 
-    accepts(problem) -> reason or None, compile(problem) -> MILP, recover(milp) -> plan
+A `sapopt.formulations.reduction.Formulation`; `recover` also reads the plan of a `cvxpy.Problem` that was solved.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.oracles import LocalModel
+from sapopt.formulations.highs import Programme
 from sapopt.formulations.local import local_model, not_local
 from sapopt.problem.sap import SAP
 
 
 @dataclass(frozen=True, eq=False)
 class MILP:
-    """A compiled problem.
+    """A problem as cvxpy writes it.
 
     Attributes
     ----------
@@ -35,13 +38,42 @@ class MILP:
     problem: Any
     x: list[Any]
 
+    @cached_property
+    def _cones(self) -> Any:
+        """The problem in cvxpy's canonical form, minimise ``c @ v + d`` subject to ``A v + b`` in a cone."""
+        import cvxpy as cp
+
+        return self.problem.get_problem_data(cp.HIGHS)[0]["param_prob"]
+
+    def programme(self) -> Programme:
+        """The same as plain arrays. All its variables are at least 0, the assignments' also at most 1."""
+        cost, constant, matrix, right = self._cones.apply_parameters()
+        equal = self._cones.cone_dims.zero
+        rows = sp.csr_array(matrix)
+        low, high = -np.asarray(right), np.full(len(right), np.inf)
+        high[:equal] = low[:equal]
+        whole = np.zeros(len(cost), dtype=bool)
+        for x in self.x:
+            first = self._cones.var_id_to_col[x.id]
+            whole[first : first + x.size] = True
+        upper = np.where(whole, 1.0, np.inf)
+        return Programme(-np.asarray(cost), rows, low, high, upper, whole, -float(constant))
+
+    def assignments(self, point: FloatArray) -> list[FloatArray]:
+        """Values of `x`, T arrays (n, m), at a point of `programme`; cvxpy stores columns one after another."""
+        starts = [self._cones.var_id_to_col[x.id] for x in self.x]
+        return [
+            point[first : first + x.size].reshape(x.shape, order="F")
+            for first, x in zip(starts, self.x, strict=True)
+        ]
+
 
 def accepts(problem: SAP) -> str | None:
     """None, or the reason why the problem cannot be written so."""
     return not_local(problem)
 
 
-def compile(problem: SAP, *, relaxed: bool = False) -> MILP:
+def formulate(problem: SAP, *, relaxed: bool = False) -> MILP:
     """The problem as a `cvxpy.Problem`; with `relaxed`, its linear relaxation.
 
     Raises
@@ -81,19 +113,21 @@ def compile(problem: SAP, *, relaxed: bool = False) -> MILP:
     return MILP(cp.Problem(cp.Maximize(value), rules), x)
 
 
-def recover(compiled: MILP) -> IntArray:
-    """Plan (T, n) of a solved programme.
+def recover(form: MILP, x: FloatArray | None = None) -> IntArray:
+    """Plan (T, n) of a point of ``form.programme()``, or without one, of the `cvxpy.Problem` that was solved.
 
     Raises
     ------
     ValueError
         If it was not solved.
     """
-    if any(step.value is None for step in compiled.x):
+    if x is not None:
+        return np.array([np.argmax(step, axis=1) for step in form.assignments(x)])
+    if any(step.value is None for step in form.x):
         raise ValueError(
-            f"the programme has no solution to recover a plan from (status {compiled.problem.status!r})"
+            f"the programme has no solution to recover a plan from (status {form.problem.status!r})"
         )
-    return np.array([np.argmax(step.value, axis=1) for step in compiled.x])
+    return np.array([np.argmax(step.value, axis=1) for step in form.x])
 
 
 def _finite(benefit: FloatArray) -> tuple[FloatArray, np.ndarray]:

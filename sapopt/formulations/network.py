@@ -5,7 +5,7 @@ uniform switching cost the nodes are the places (step, task) and one hub per ste
 move passes: 3 m arcs a step instead of m^2. An idle agent is a path like any other, so parking occupies tasks and
 pays as the strict rule wants. Any other agent-local dynamics is expanded over its reachable local states.
 
-    accepts(problem) -> reason or None, compile(problem) -> Network, recover(network, x) -> plan
+A `sapopt.formulations.reduction.Formulation`.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ def accepts(problem: SAP) -> str | None:
     return not_local(problem)
 
 
-def compile(problem: SAP) -> Network:
+def formulate(problem: SAP) -> Network:
     """The time-expanded network of a problem.
 
     Raises

@@ -10,7 +10,7 @@ benefits (with the handover of the first step) and -inf outside the blocks. Wher
 charged depends on the agent and not only on the tasks; such a task gets two locations, a charged and a free one,
 and ``a`` and ``b`` punish using both.
 
-    accepts(problem) -> reason or None, compile(problem) -> QAP, recover(qap, locations) -> plan
+A `sapopt.formulations.reduction.Formulation`.
 """
 
 from __future__ import annotations
@@ -62,6 +62,11 @@ class QAP:
         for p, j in enumerate(np.asarray(plan).ravel()):
             out[p] = np.flatnonzero((self.task == j) & np.isfinite(self.c[p]))[0]
         return out
+
+    def plan(self, locations: IntArray) -> IntArray:
+        """The plan (T, n) that ``locations`` (facilities,) stand for."""
+        T, n, _ = self.shape
+        return self.task[np.asarray(locations)].reshape(T, n)
 
     def programme(self) -> Programme:
         """The linearisation of Adams and Johnson (1994), see `sapopt.formulations.adams_johnson`.
@@ -164,7 +169,7 @@ def accepts(problem: SAP) -> str | None:
     )
 
 
-def compile(problem: SAP) -> QAP:
+def formulate(problem: SAP) -> QAP:
     """The problem as a `QAP`.
 
     Raises
@@ -214,10 +219,9 @@ def compile(problem: SAP) -> QAP:
     return QAP(a, b, c, (T, n, m), task)
 
 
-def recover(qap: QAP, locations: IntArray) -> IntArray:
-    """Plan (T, n) of a solution: facility p at ``locations[p]``."""
-    T, n, _ = qap.shape
-    return qap.task[np.asarray(locations)].reshape(T, n)
+def recover(qap: QAP, x: FloatArray) -> IntArray:
+    """Plan (T, n) of an integral point of ``qap.programme()``."""
+    return qap.plan(locations_of(qap, x))
 
 
 def locations_of(qap: QAP, x: FloatArray) -> IntArray:

@@ -35,14 +35,14 @@ def linear_bound(problem: SAP) -> Bound:
     ValueError
         If the dynamics is not agent-local.
     """
-    return _bound(milp.compile(problem, relaxed=True).problem, "linear relaxation (Clarabel)")
+    return _bound(milp.formulate(problem, relaxed=True).problem, "linear relaxation (Clarabel)")
 
 
 def convex_bound(problem: SAP) -> Bound:
     """Value of the QAP with its quadratic form made concave: on 0/1 points ``x' Q x = x' (Q - s I) x + s sum x``."""
     import cvxpy as cp
 
-    quadratic, linear, facility, place = _pairs(qap.compile(problem))
+    quadratic, linear, facility, place = _pairs(qap.formulate(problem))
     x, rules = _assignment(cp, facility, place)
     values, vectors = np.linalg.eigh(quadratic)
     shift = max(float(values[-1]), 0.0)
@@ -61,7 +61,7 @@ def semidefinite_bound(problem: SAP) -> Bound:
     """
     import cvxpy as cp
 
-    quadratic, linear, facility, place = _pairs(qap.compile(problem))
+    quadratic, linear, facility, place = _pairs(qap.formulate(problem))
     count = len(linear)
     if count > _MOST:
         raise ValueError(

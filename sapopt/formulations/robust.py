@@ -66,7 +66,7 @@ class RobustAssignment:
         tasks = _assignment(assignment, self.matrices.shape, "assignment")
         return float(self.matrices[:, np.arange(len(tasks)), tasks].sum(axis=1).min())
 
-    def compile(self) -> Compiled:
+    def formulate(self) -> Compiled:
         """The problem in its epigraph form."""
         import cvxpy as cp
 
@@ -80,7 +80,7 @@ class RobustAssignment:
         reason = explain_infeasible(np.isfinite(self.matrices).all(axis=0))
         if reason:
             raise InfeasibleError(f"matrices: {reason}; a pair that one scenario forbids cannot be used")
-        (tasks,) = _solved(self.compile())
+        (tasks,) = _solved(self.formulate())
         return tasks, self.value(tasks)
 
 
@@ -136,7 +136,7 @@ class RecoverableAssignment:
             worth.append(float(self.second[s, agents, y].sum()))
         return float(self.first[agents, x].sum()) + min(worth)
 
-    def compile(self) -> Compiled:
+    def formulate(self) -> Compiled:
         """The problem with one number per shared pair."""
         import cvxpy as cp
 
@@ -160,7 +160,7 @@ class RecoverableAssignment:
             reason = explain_infeasible(np.isfinite(matrix))
             if reason:
                 raise InfeasibleError(f"{name}: {reason}")
-        now, *recovered = _solved(self.compile())
+        now, *recovered = _solved(self.formulate())
         return now, recovered, self.value(now, recovered)
 
 

@@ -5,7 +5,7 @@ benefits of its steps less the cost of entering it, whatever came before; so the
 exactly once, and every task's steps at most once. As a linear programme this is as tight as the time-expanded network,
 with a tenth of its rows; there are ``n m T (T + 1) / 2`` stays, of which only those matter that prices leave in play.
 
-    accepts(problem) -> reason or None, compile(problem) -> Stays, recover(stays, x, keep) -> plan
+A `sapopt.formulations.reduction.Formulation`.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ def accepts(problem: SAP) -> str | None:
     return None
 
 
-def compile(problem: SAP) -> Stays:
+def formulate(problem: SAP) -> Stays:
     """All stays of a problem, without those that are forbidden.
 
     Raises

@@ -18,7 +18,7 @@ def test_same_as_haal(lookahead: int) -> None:
     assert intervals.accepts(problem) is None
     state, plan = problem.initial_state(), []
     for k in range(problem.T):
-        plan.append(intervals.recover(intervals.compile(problem, k, lookahead, state)))
+        plan.append(intervals.recover(intervals.formulate(problem, k, lookahead, state)))
         state = problem.transition(k, state, plan[-1])
     assert np.array_equal(plan, solve(problem, HAAL(lookahead)).plan)
 
@@ -30,8 +30,8 @@ def test_sequences() -> None:
     for sequence in found:
         assert [k for a, b in sequence for k in range(a, b)] == [2, 3, 4, 5]
     problem = SAP(np.ones((3, 1, 1)), SwitchingCost(1.0))
-    assert len(intervals.compile(problem, 1, 5, None).sequences) == 2
+    assert len(intervals.formulate(problem, 1, 5, None).sequences) == 2
     with pytest.raises(ValueError, match="lookahead"):
-        intervals.compile(problem, 0, 40, None)
+        intervals.formulate(problem, 0, 40, None)
     with pytest.raises(ValueError, match="step 3"):
-        intervals.compile(problem, 3, 2, None)
+        intervals.formulate(problem, 3, 2, None)

@@ -16,7 +16,7 @@ from sapopt.solvers.exact import Exact
 def test_taken_away_and_solved() -> None:
     """A user solves the compiled problem with a solver of their own and recovers the plan."""
     problem = SAP(np.random.default_rng(0).random((4, 3, 4)), SwitchingCost(0.3), [2, 0, 1])
-    compiled = milp.compile(problem)
+    compiled = milp.formulate(problem)
     assert isinstance(compiled.problem, cp.Problem)
     with pytest.raises(ValueError, match="no solution"):
         milp.recover(compiled)
@@ -40,7 +40,7 @@ def test_objective_of_a_given_plan() -> None:
         problem = SAP(benefits, dynamics)
         for _ in range(3):
             plan = np.array([rng.permutation(3)[:2] for _ in range(3)])
-            compiled = milp.compile(problem, relaxed=True)
+            compiled = milp.formulate(problem, relaxed=True)
             fixed = [x == np.eye(3)[row] for x, row in zip(compiled.x, plan, strict=True)]
             pinned = cp.Problem(compiled.problem.objective, [*compiled.problem.constraints, *fixed])
             pinned.solve(solver=cp.HIGHS)
@@ -59,4 +59,4 @@ def test_linear_bound_is_the_lagrangian_bound() -> None:
 def test_global_dynamics_is_refused() -> None:
     """A global state cannot be written as a MILP of this kind."""
     with pytest.raises(ValueError, match="Dictator"):
-        milp.compile(SAP(np.ones((2, 2, 3)), Dictator()))
+        milp.formulate(SAP(np.ones((2, 2, 3)), Dictator()))

@@ -36,7 +36,7 @@ def problems() -> list[SAP]:
 @pytest.mark.parametrize("problem", problems(), ids=repr)
 def test_a_plan_is_a_point(problem: SAP) -> None:
     """Every plan is a feasible point of the programme, worth what `evaluate` says, and comes back unchanged."""
-    net = network.compile(problem)
+    net = network.formulate(problem)
     programme = net.programme()
     rng = RNG(0)
     for _ in range(10):
@@ -52,7 +52,7 @@ def test_a_plan_is_a_point(problem: SAP) -> None:
 @pytest.mark.parametrize("problem", problems(), ids=repr)
 def test_oracle_is_the_dynamics(problem: SAP) -> None:
     """The network's longest paths are those of the compiled oracle, under any prices."""
-    net = network.compile(problem)
+    net = network.formulate(problem)
     mine = NetworkOracle(net)
     prices = RNG(1).random((problem.T, problem.m)) * 0.6
     values, plan = mine.best_paths(prices)
@@ -72,7 +72,7 @@ def test_oracle_is_the_dynamics(problem: SAP) -> None:
 def test_relaxation_is_the_lagrangian_bound() -> None:
     """The linear relaxation and the dual of the capacities meet, and the row duals are complementary."""
     problem = SAP(RNG(0).random((6, 5, 6)), SwitchingCost(0.5))
-    programme = network.compile(problem).programme()
+    programme = network.formulate(problem).programme()
     answer = maximise(programme, relaxed=True)
     oracle = problem.model.path_oracle(problem.benefits, None)
     assert answer.ending is Ending.OPTIMAL
@@ -88,7 +88,7 @@ def test_relaxation_is_the_lagrangian_bound() -> None:
 def test_regret_is_what_an_arc_costs() -> None:
     """Forcing an arc lowers the Lagrangian value of its agent by its regret."""
     problem = SAP(RNG(2).random((3, 2, 3)), SwitchingCost(0.3))
-    net = network.compile(problem)
+    net = network.formulate(problem)
     prices = RNG(3).random((3, 3)) * 0.3
     best, through = net.through(prices)
     paths = list(itertools.product(range(3), repeat=3))
@@ -110,13 +110,13 @@ def test_global_dynamics_is_refused() -> None:
     problem = SAP(RNG(0).random((2, 2, 3)), Dictator())
     assert "local_model" in str(network.accepts(problem))
     with pytest.raises(ValueError, match="Dictator"):
-        network.compile(problem)
+        network.formulate(problem)
 
 
 def test_endings_of_the_solver() -> None:
     """Optimal, no better point than the cut-off, infeasible, out of time, stopped, failed: all told apart."""
     problem = SAP(RNG(0).random((8, 8, 10)), SwitchingCost(0.5))
-    net = network.compile(problem)
+    net = network.formulate(problem)
     programme = net.programme()
     assert maximise(programme, seconds=0.0).ending is Ending.TIME_LIMIT
     late = maximise(programme, seconds=0.02)

@@ -32,7 +32,7 @@ def problems() -> list[SAP]:
 @pytest.mark.parametrize("problem", problems(), ids=repr)
 def test_value_of_every_plan(problem: SAP) -> None:
     """The quadratic objective is the value of the plan, for all plans; plans come back unchanged."""
-    form = qap.compile(problem)
+    form = qap.formulate(problem)
     assert form.a.shape == (6, 6)
     assert form.b.shape[0] == form.c.shape[1] >= 9
     rows = list(itertools.permutations(range(3), 2))
@@ -40,13 +40,13 @@ def test_value_of_every_plan(problem: SAP) -> None:
         plan = np.array(choice)
         places = form.locations(plan)
         assert form.value(places) == pytest.approx(problem.evaluate(plan).value, abs=1e-12)
-        assert np.array_equal(qap.recover(form, places), plan)
+        assert np.array_equal(form.plan(places), plan)
 
 
 def test_block_diagonal() -> None:
     """A facility may only go to a location of its own step, and `a` joins successive steps of one agent."""
     problem = SAP(np.random.default_rng(0).random((3, 2, 4)), SwitchingCost(0.5))
-    form = qap.compile(problem)
+    form = qap.formulate(problem)
     blocks = np.kron(np.eye(3), np.ones((2, 4)))
     assert np.array_equal(np.isfinite(form.c), blocks > 0)
     assert np.array_equal(form.a, np.eye(6, k=2))
@@ -55,7 +55,7 @@ def test_block_diagonal() -> None:
 @pytest.mark.parametrize("problem", problems()[:4], ids=repr)
 def test_qaplib_round_trip(problem: SAP, tmp_path: Path) -> None:
     """A written file is square and finite, reads back exactly, and has the same optimum with its sign turned."""
-    form = qap.compile(problem)
+    form = qap.formulate(problem)
     path = tmp_path / "problem.dat"
     form.write_qaplib(path)
     again = qap.read_qaplib(path)
@@ -146,7 +146,7 @@ def test_damaged_file(text: str, tmp_path: Path) -> None:
 def test_other_dynamics_is_refused() -> None:
     """Only costs between successive tasks have this form."""
     with pytest.raises(ValueError, match=r"eq\. 1\.4"):
-        qap.compile(SAP(np.ones((2, 2, 3)), Tiring()))
+        qap.formulate(SAP(np.ones((2, 2, 3)), Tiring()))
 
 
 @pytest.mark.parametrize("problem", problems()[:6], ids=repr)

@@ -26,7 +26,7 @@ def uniform_problems(draw: st.DrawFn) -> SAP:
 def test_a_plan_is_a_point_of_the_same_value(problem: SAP, data: st.DataObject) -> None:
     """The stays of a feasible plan fill the rows as they must, and add up to its value."""
     plan = np.array(data.draw(plans_of(problem.benefits.shape)))
-    compiled = stays.compile(problem)
+    compiled = stays.formulate(problem)
     try:
         value = problem.evaluate(plan).value
     except ValueError:
@@ -44,7 +44,7 @@ def test_a_plan_is_a_point_of_the_same_value(problem: SAP, data: st.DataObject) 
 @given(uniform_problems())
 def test_optimum_and_relaxation_are_those_of_the_network(problem: SAP) -> None:
     """Both programmes have the same linear relaxation and the same best plan."""
-    one, other = stays.compile(problem).programme(), network.compile(problem).programme()
+    one, other = stays.formulate(problem).programme(), network.formulate(problem).programme()
     for relaxed in (True, False):
         first, second = maximise(one, relaxed=relaxed), maximise(other, relaxed=relaxed)
         assert first.ending is second.ending
@@ -57,7 +57,7 @@ def test_best_ways_are_the_paths_of_the_oracle() -> None:
     problem = SAP(rng.random((6, 3, 5)), SwitchingCost(0.3), [4, 0, 2])
     prices = rng.random((6, 5)) * 0.5
     prices -= prices.min(axis=1, keepdims=True)  # as the dual does
-    compiled = stays.compile(problem)
+    compiled = stays.formulate(problem)
     values, through = compiled.through(compiled.priced(prices))
     oracle = problem.model.path_oracle(problem.benefits, problem.initial_state())
     assert values.sum() + prices.sum() == pytest.approx(dual_value(oracle, prices).bound)
@@ -74,7 +74,7 @@ def test_best_ways_are_the_paths_of_the_oracle() -> None:
 def test_stays_that_agree_with_a_plan() -> None:
     """With nothing free only pieces of the plan agree; with everything free all do."""
     problem = SAP(np.random.default_rng(1).random((4, 2, 3)), SwitchingCost(0.3))
-    compiled = stays.compile(problem)
+    compiled = stays.formulate(problem)
     plan = np.array([[0, 1], [0, 2], [0, 2], [1, 2]])
     fixed = compiled.compatible(plan, np.zeros((4, 2), dtype=bool))
     for i, j, a, b in zip(
@@ -92,4 +92,4 @@ def test_what_is_not_written_in_stays() -> None:
     assert "one cost" in (stays.accepts(SAP(np.ones((2, 2, 3)), SwitchingCost(1 - np.eye(3)))) or "")
     assert "too many" in (stays.accepts(SAP(np.zeros((200, 10, 10)), SwitchingCost(1.0))) or "")
     with pytest.raises(ValueError, match="one cost"):
-        stays.compile(SAP(np.ones((2, 2, 3)), SwitchingCost(1 - np.eye(3))))
+        stays.formulate(SAP(np.ones((2, 2, 3)), SwitchingCost(1 - np.eye(3))))

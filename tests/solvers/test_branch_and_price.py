@@ -21,7 +21,7 @@ def hard_problem(seed: int, T: int = 12, n: int = 10, m: int = 11) -> SAP:
 
 
 def relaxed_to_the_end(problem: SAP) -> tuple[stays.Stays, Master, list[np.ndarray], list[float]]:
-    compiled = stays.compile(problem)
+    compiled = stays.formulate(problem)
     everything = np.zeros(len(compiled), dtype=bool)
     master = Master(compiled, np.arange(0, len(compiled), 7))
     rng = np.random.default_rng(0)
@@ -41,11 +41,11 @@ def test_column_generation_ends_at_the_relaxation_of_the_network() -> None:
     """Pricing finds all stays that matter: the value is that of the whole linear programme, and the proof holds."""
     for seed in range(3):
         problem = hard_problem(seed, 8, 6, 7)
-        compiled = stays.compile(problem)
+        compiled = stays.formulate(problem)
         master = Master(compiled, np.arange(5))
         found = master.solve(np.zeros(len(compiled), dtype=bool), -np.inf)
         assert found.bound == pytest.approx(
-            maximise(network.compile(problem).programme(), relaxed=True).value
+            maximise(network.formulate(problem).programme(), relaxed=True).value
         )
         assert len(found.stays) < len(compiled)
 
@@ -82,7 +82,7 @@ def test_dives_end_in_plans() -> None:
 def test_the_tree_finds_and_proves_the_optimum(threads: int) -> None:
     """Without a plan, cuts or prices to begin with, the tree alone ends with the optimum as its bound."""
     problem = hard_problem(2, 8, 7, 8)
-    compiled = stays.compile(problem)
+    compiled = stays.formulate(problem)
     best = [-np.inf]
 
     def found(plan: np.ndarray) -> float:
@@ -91,7 +91,7 @@ def test_the_tree_finds_and_proves_the_optimum(threads: int) -> None:
 
     tree = Tree(compiled, np.arange(50), np.inf, found, lambda: best[0], lambda bound, nodes: False)
     bound = tree.search(threads)
-    whole = maximise(network.compile(problem).programme(), tolerance=1e-9)
+    whole = maximise(network.formulate(problem).programme(), tolerance=1e-9)
     assert best[0] == pytest.approx(whole.value, abs=1e-6)
     assert bound == pytest.approx(whole.value, abs=1e-6)
 
@@ -99,7 +99,7 @@ def test_the_tree_finds_and_proves_the_optimum(threads: int) -> None:
 def test_branches_part_the_plans() -> None:
     """Every plan keeps to exactly one side of a branch."""
     problem = hard_problem(3, 5, 3, 4)
-    compiled = stays.compile(problem)
+    compiled = stays.formulate(problem)
     tree = Tree(compiled, np.arange(1), np.inf, lambda plan: 0.0, lambda: 0.0, lambda bound, nodes: True)
     rng = np.random.default_rng(0)
     for _ in range(50):

@@ -14,7 +14,7 @@ from sapopt.domains.constellation import WalkerShell
 from sapopt.domains.power import power_constellation
 from sapopt.dynamics import Battery
 from sapopt.dynamics.paths.oracles import LocalOracle
-from sapopt.formulations.network import compile as compile_network
+from sapopt.formulations import network
 from sapopt.problem.result import Status
 from sapopt.proofs.plain import plain_bound, plain_value
 from sapopt.solvers import HAA, DualDecomposition, DualLookahead, Exact
@@ -124,7 +124,7 @@ def test_a_network_that_fits_no_memory_is_refused(monkeypatch: pytest.MonkeyPatc
     problem = power_constellation(steps=20).problem()
     monkeypatch.setattr("sapopt.formulations.network._MOST_ARCS", 100_000)
     with pytest.raises(ValueError, match="DualDecomposition"):
-        compile_network(problem)
+        network.formulate(problem)
 
 
 def test_sweeps_without_a_placing_oracle_do_the_same() -> None:

@@ -71,7 +71,7 @@ class BranchAndPrice:
 
     def solve(self, threads: int) -> None:
         """Run all phases; ends early when the time is up."""
-        stays = formulation.compile(self.problem)
+        stays = formulation.formulate(self.problem)
         prices = self._prices(len(stays))
         values, through = stays.through(stays.priced(prices))
         self._tell("prices", float(values.sum() + prices.sum()), prices)
@@ -93,6 +93,7 @@ class BranchAndPrice:
             self._target,
             self._watch,
             self._polish,
+            lambda: self.run.expired,
         )
         tree.cuts, tree.right = master.cuts[:, keep], master.right
         bound = tree.search(threads)
@@ -111,7 +112,7 @@ class BranchAndPrice:
     def _root(self, stays: Stays) -> tuple[Master, FloatArray]:
         """Solve the relaxation with cuts; also how much a plan that uses a stay falls short of the bound."""
         values, through = stays.through(stays.priced(self.prices))
-        master = Master(stays, np.argsort(values[stays.agent] - through)[:_BEGIN])
+        master = Master(stays, np.argsort(values[stays.agent] - through)[:_BEGIN], lambda: self.run.expired)
         everything = np.zeros(len(stays), dtype=bool)
         for _ in range(_ROUNDS):
             relaxed = master.solve(everything, self._target())
@@ -119,7 +120,7 @@ class BranchAndPrice:
             self._tell("relaxation", relaxed.bound, None if len(master.right) else relaxed.prices, plan)
             if self._settled() or relaxed.whole:
                 break
-            rows = violated(stays, relaxed.stays, relaxed.x, _CUTS, self.run.rng)
+            rows = violated(stays, relaxed.stays, relaxed.x, _CUTS, self.run.rng, lambda: self.run.expired)
             if not rows:
                 break
             master.cut(*coefficients(stays, rows))

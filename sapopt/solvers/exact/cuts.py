@@ -9,7 +9,7 @@ and Schrijver, 1988).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,7 +27,12 @@ _CHOICES = 4
 
 
 def violated(
-    stays: Stays, chosen: IntArray, x: FloatArray, most: int, rng: np.random.Generator
+    stays: Stays,
+    chosen: IntArray,
+    x: FloatArray,
+    most: int,
+    rng: np.random.Generator,
+    stop: Callable[[], bool] = lambda: False,
 ) -> list[IntArray]:
     """Row sets of the most violated cuts, each of odd size.
 
@@ -42,6 +47,8 @@ def violated(
         Cuts wanted.
     rng : Generator
         Varies the walks and the rows that are taken for a conflict.
+    stop : callable
+        Asked before every turn; a true answer ends the search for further cuts.
     """
     part = np.flatnonzero((x > 1e-4) & (x < 1 - 1e-4))
     if len(part) < 3:
@@ -55,6 +62,8 @@ def violated(
     found: dict[bytes, tuple[float, IntArray]] = {}
     tried: set[tuple[int, ...]] = set()
     for turn in range(_TURNS):
+        if stop():
+            break
         noise = _TINY + (0.05 * rng.random(len(weight)) if turn else 0.0)
         for ring in _rings(first, second, weight + noise, len(part)):
             name = tuple(sorted(ring))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.formulations.highs import GrowingProgramme, Programme
 from sapopt.formulations.stays import Stays
 from sapopt.solvers.exact.cuts import coefficients
 
@@ -22,7 +24,7 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Relaxed:
-    """A solved relaxation.
+    """A relaxation, solved unless it was cut short.
 
     Attributes
     ----------
@@ -67,55 +69,46 @@ class Master:
         All that are in the game.
     begin : ndarray of int64
         Stays to begin with.
+    stop : callable
+        Asked while the programme is solved; a true answer ends that.
     """
 
-    def __init__(self, stays: Stays, begin: IntArray) -> None:
-        import highspy
-
+    def __init__(self, stays: Stays, begin: IntArray, stop: Callable[[], bool] = lambda: False) -> None:
         self.stays = stays
+        self.stop = stop
         self.inside = np.zeros(len(stays), dtype=bool)
         self.columns = np.zeros(0, dtype=np.int64)
         T, n, m = stays.shape
         self.last_prices: FloatArray = np.zeros((T, m))
-        self.artificial = n * T  # a step of an agent that is left out, so that there always is a solution
-        self.penalty = penalty = 2.0 * (float(np.abs(stays.gain).max()) + 1.0)
+        self.artificial = count = (
+            n * T
+        )  # a step of an agent that is left out, so that there always is a solution
+        self.penalty = 2.0 * (float(np.abs(stays.gain).max()) + 1.0)
         low, high = stays.sides
-        lp = highspy.HighsLp()
-        lp.num_row_, lp.num_col_ = len(low), self.artificial
-        lp.col_cost_ = np.full(self.artificial, penalty)
-        lp.col_lower_ = np.zeros(self.artificial)
-        lp.col_upper_ = np.full(self.artificial, np.inf)
-        lp.row_lower_, lp.row_upper_ = low, high
-        unit = sp.csc_array(sp.eye_array(len(low), self.artificial))
-        lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = unit.indptr, unit.indices, unit.data
-        self.solver = highspy.Highs()
-        for name, value in (("output_flag", False), ("threads", 1), ("presolve", "off")):
-            self.solver.setOptionValue(name, value)
-        self.solver.passModel(lp)
+        self.programme = GrowingProgramme(
+            Programme(
+                np.full(count, -self.penalty), sp.csc_array(sp.eye_array(len(low), count)), low, high,
+                np.full(count, np.inf), np.zeros(count, dtype=bool),
+            )
+        )  # fmt: skip
         self.closed = np.zeros(0, dtype=bool)
         self.cuts, self.right = coefficients(stays, [])
         self.add(begin)
 
     def add(self, stays: IntArray) -> None:
         """Put stays into the programme."""
-        matrix = sp.csc_array(sp.vstack([self.stays.rows(stays), self.cuts[:, stays]]))
-        count = len(stays)
-        self.solver.addCols(
-            count, -self.stays.gain[stays], np.zeros(count), np.full(count, np.inf), matrix.nnz,
-            matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data,
-        )  # fmt: skip
+        self.programme.add_columns(
+            self.stays.gain[stays], sp.vstack([self.stays.rows(stays), self.cuts[:, stays]])
+        )
         self.columns = np.concatenate([self.columns, stays])
-        self.closed = np.concatenate([self.closed, np.zeros(count, dtype=bool)])
+        self.closed = np.concatenate([self.closed, np.zeros(len(stays), dtype=bool)])
         self.inside[stays] = True
 
     def cut(self, cuts: sp.csr_array, right: FloatArray) -> None:
         """Add rows (cuts, all stays) with their right-hand sides."""
         part = sp.csr_array(cuts[:, self.columns])
-        self.solver.addRows(
-            len(right), np.full(len(right), -np.inf), right, part.nnz, part.indptr.astype(np.int32),
-            (part.indices + self.artificial).astype(np.int32), part.data,
-        )  # fmt: skip
+        part = sp.hstack([sp.csr_array((len(right), self.artificial)), part])
+        self.programme.add_rows(part, right)
         self.cuts = sp.csr_array(sp.vstack([self.cuts, cuts]))
         self.right = np.concatenate([self.right, right])
 
@@ -124,24 +117,24 @@ class Master:
         wanted = closed[self.columns]
         changed = np.flatnonzero(wanted != self.closed)
         if len(changed):
-            self.solver.changeColsBounds(
-                len(changed), (changed + self.artificial).astype(np.int32), np.zeros(len(changed)),
-                np.where(wanted[changed], 0.0, np.inf),
-            )  # fmt: skip
+            self.programme.set_upper(changed + self.artificial, np.where(wanted[changed], 0.0, np.inf))
             self.closed = wanted
 
     def solve(self, closed: np.ndarray, cutoff: float) -> Relaxed:
-        """Solve over all stays but those of the mask `closed`; stops early at a bound below the cut-off."""
+        """Solve over all stays but those of the mask `closed`; stops early at a bound below the cut-off.
+
+        Cut short by `stop`, it still gives a bound, but neither a plan nor the certainty that there is one.
+        """
         bound = np.inf
         prices = self.last_prices
         raised = 0
         while True:
             self.close(closed)
-            self.solver.run()
+            ended = self.programme.solve(self.stop)
             proof = self.proof(closed)
             if proof.bound < bound:
                 bound, prices = proof.bound, proof.prices
-            if bound <= cutoff:
+            if bound <= cutoff or not ended:
                 break
             better = self.stays.less_wages(proof.weight, proof.wages)
             better[closed | self.inside] = -np.inf
@@ -161,23 +154,23 @@ class Master:
         if raised:
             self._set_penalty(self.penalty)
         self.last_prices = prices
-        x = np.asarray(self.solver.getSolution().col_value)
+        x = self.programme.x
         left_out, x = x[: self.artificial], x[self.artificial :]
-        whole = bool((left_out < 1e-6).all() and (np.minimum(x, 1 - x) < 1e-6).all())
-        return Relaxed(bound, self.columns, x, whole, bool((left_out < 1e-6).all()), prices)
+        complete = ended and bool((left_out < 1e-6).all())
+        whole = complete and bool((np.minimum(x, 1 - x) < 1e-6).all())
+        return Relaxed(bound, self.columns, x, whole, complete, prices)
 
     def _left_out(self) -> float:
-        return float(np.asarray(self.solver.getSolution().col_value)[: self.artificial].max())
+        return float(self.programme.x[: self.artificial].max())
 
     def _set_penalty(self, penalty: float) -> None:
         """Make it dearer to leave a step out: where a node has no plan, its bound then falls below the cut-off."""
-        count = self.artificial
-        self.solver.changeColsCost(count, np.arange(count, dtype=np.int32), np.full(count, penalty))
+        self.programme.set_gain(np.arange(self.artificial), np.full(self.artificial, -penalty))
 
     def proof(self, closed: np.ndarray) -> Proof:
         """Lagrangian bound by the duals of the last programme."""
         T, n, m = self.stays.shape
-        duals = -np.asarray(self.solver.getSolution().row_dual)
+        duals = self.programme.duals
         wages = duals[: n * T].reshape(n, T).T
         prices = np.maximum(duals[n * T : (n + m) * T].reshape(m, T).T, 0.0)
         lowest = prices.min(axis=1, keepdims=True)
@@ -196,9 +189,7 @@ class Master:
 
     def probe(self, closed: np.ndarray, basis: Any, iterations: int) -> float:
         """Bound after a few steps of the dual simplex method from a basis, without new stays."""
-        self.solver.setBasis(basis)
+        self.programme.basis = basis
         self.close(closed)
-        self.solver.setOptionValue("simplex_iteration_limit", iterations)
-        self.solver.run()
-        self.solver.setOptionValue("simplex_iteration_limit", 2**31 - 1)
+        self.programme.solve(self.stop, iterations)
         return self.proof(closed).bound

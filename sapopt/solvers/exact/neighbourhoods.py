@@ -60,8 +60,9 @@ class Neighbourhoods:
         self.note = note
         self.tolerance = tolerance
         self.scale = max(1.0, abs(bound))
-        self.stop_at = self.last = 0.0
+        self.stop_at = self.last = self.began = 0.0
         self.quiet = np.inf
+        self.written = 0.0  # seconds that it took to write down the last neighbourhood
         self.top = -np.inf
         self.sample = sample
 
@@ -98,7 +99,7 @@ class Neighbourhoods:
     def _going(self, best: Incumbent) -> bool:
         if best.plan is not None and best.value >= self.bound - self.tolerance * self.scale:
             return False
-        return self.left > 0 and not self.run.expired and self.run.seconds < self.last + self.quiet
+        return self.left > self.written and not self.run.expired and self.run.seconds < self.last + self.quiet
 
     def _descend(self, best: Incumbent, size: int, patience: int) -> Incumbent:
         """Improve a plan by random neighbourhoods until `patience` of them in a row give nothing."""
@@ -119,12 +120,14 @@ class Neighbourhoods:
     def _around(self, best: Incumbent, free: np.ndarray) -> Incumbent:
         """The best plan that differs from this one only where (T, n) `free` allows it."""
         assert best.plan is not None
+        self.began = self.run.seconds
         near = self._near(min(self.bound - best.value, _REACH * self.scale))
         keep = self.form.around(best.plan, free) & near
         return self._solve(keep, best, max(2.0, 0.03 * self.left))
 
     def _mixture(self, pool: list[Incumbent], best: Incumbent) -> Incumbent:
         """The best plan over the arcs of several plans and those of small regret."""
+        self.began = self.run.seconds
         keep = self._near(1e-4 * self.scale)
         for entry in pool:
             if entry.plan is not None:
@@ -135,14 +138,16 @@ class Neighbourhoods:
         return self.form.regret <= regret + 1e-7 * self.scale
 
     def _solve(self, keep: np.ndarray, best: Incumbent, seconds: float) -> Incumbent:
-        """The best plan over the arcs `keep` and those of the incumbent."""
+        """The best plan over the arcs `keep` and those of the incumbent, in some seconds once it is written down."""
         start = None
         if best.plan is not None:
             path = self.form.follow(best.plan)
             keep = keep | path
             start = path[keep].astype(np.float64)
+        programme = self.form.programme(keep)
+        self.written = self.run.seconds - self.began
         answer: Answer = maximise(
-            self.form.programme(keep), seconds=min(seconds, self.left), tolerance=1e-6, start=start,
+            programme, seconds=min(seconds, self.left), tolerance=1e-6, start=start,
             watch=lambda value, bound: self.run.expired,
         )  # fmt: skip
         if answer.x is None or answer.ending is Ending.INFEASIBLE:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -14,6 +12,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import milp, network, qap
 from sapopt.formulations.highs import Ending, SolverError, maximise
+from sapopt.formulations.reduction import Formulation
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
@@ -31,6 +30,8 @@ _BUILDING_SHARE = 0.3
 """Share of a time limit that building the network may take."""
 
 Method = Literal["network", "milp", "qap", "dp"]
+
+_FORMULATIONS: dict[str, Formulation[Any]] = {"network": network, "milp": milp, "qap": qap}
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,7 @@ class Exact:
     Notes
     -----
     The result is OPTIMAL when proven, else TIME_LIMIT or INTERRUPTED with the incumbent and a bound, or FEASIBLE where
-    the solver stopped for another reason. Without a time limit it runs until it has a proof. "milp" runs in `cvxpy`,
-    which has no callback: a time limit holds, but progress and an early end by the callback do not reach it.
+    the solver stopped for another reason. Without a time limit it runs until it has a proof.
 
     References
     ----------
@@ -87,18 +87,15 @@ class Exact:
 
     def accepts(self, problem: SAP) -> str | None:
         """None, or the reason why the method does not take the problem."""
-        checks: dict[str, Callable[[SAP], str | None]] = {
-            "network": network.accepts, "milp": milp.accepts, "qap": qap.accepts, "dp": dp.accepts
-        }  # fmt: skip
-        return checks[self.method](problem)
+        return dp.accepts(problem) if self.method == "dp" else _FORMULATIONS[self.method].accepts(problem)
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Solve the problem."""
         reason = self.accepts(problem)
         if reason:
             raise ValueError(f"Exact(method={self.method!r}): {reason}")
-        methods = {"network": self._network, "milp": self._milp, "qap": self._qap, "dp": self._dp}
-        return methods[self.method](problem, run)
+        methods = {"network": self._network, "dp": self._dp}
+        return methods.get(self.method, self._programme)(problem, run)
 
     def _network(self, problem: SAP, run: Run) -> Outcome:
         size = problem.T * problem.n * problem.m
@@ -111,42 +108,21 @@ class Exact:
         state = search.solve(problem, run, self.tolerance, self.reduced_costs)
         return self._outcome(problem, run, state.best, state.bound, state.trace, state.prices)
 
-    def _milp(self, problem: SAP, run: Run) -> Outcome:
-        import cvxpy as cp
-
+    def _programme(self, problem: SAP, run: Run) -> Outcome:
+        """One mixed-integer programme, handed to HiGHS as it is."""
+        formulation = _FORMULATIONS[self.method]
         best = warm.incumbent(problem, run, 0.1 * run.seconds_left)
-        compiled = milp.compile(problem)
-        options: dict[str, Any] = {"mip_rel_gap": self.tolerance, "mip_abs_gap": 1e-9}
-        if np.isfinite(run.seconds_left):
-            options["time_limit"] = max(run.seconds_left, 1e-3)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # cvxpy warns of every incumbent; the status says it
-                compiled.problem.solve(solver=cp.HIGHS, **options)
-        except cp.error.SolverError as error:
-            raise SolverError(f"HiGHS failed through cvxpy: {error}") from None
-        if compiled.problem.status in ("infeasible", "infeasible_or_unbounded"):
-            raise InfeasibleError(infeasible.explain(problem, network.compile(problem)))
-        bound = np.inf
-        solved = compiled.problem.value
-        if solved is not None and np.isfinite(solved) and compiled.x[0].value is not None:
-            best = best.better(problem, milp.recover(compiled))
-            statistics = compiled.problem.solver_stats.extra_stats
-            # cvxpy minimises the negative; its constant is in neither of the two numbers
-            bound = float(solved) + statistics.objective_function_value - statistics.mip_dual_bound
-        return self._outcome(problem, run, best, bound)
-
-    def _qap(self, problem: SAP, run: Run) -> Outcome:
-        best = warm.incumbent(problem, run, 0.1 * run.seconds_left)
-        compiled = qap.compile(problem)
+        form = formulation.formulate(problem)
         answer = maximise(
-            compiled.programme(), seconds=run.seconds_left, tolerance=self.tolerance,
-            watch=lambda value, bound: run.report(run.seconds, run.time_limit or 0.0, value, bound, "qap"),
+            form.programme(), seconds=run.seconds_left, tolerance=self.tolerance,
+            watch=lambda value, bound: run.report(
+                run.seconds, run.time_limit or 0.0, max(value, best.value), bound, self.method
+            ),
         )  # fmt: skip
         if answer.ending is Ending.INFEASIBLE:
-            raise InfeasibleError(infeasible.explain(problem, network.compile(problem)))
+            raise InfeasibleError(infeasible.explain(problem, network.formulate(problem)))
         if answer.x is not None:
-            best = best.better(problem, qap.recover(compiled, qap.locations_of(compiled, answer.x)))
+            best = best.better(problem, formulation.recover(form, answer.x))
         return self._outcome(problem, run, best, answer.bound)
 
     def _dp(self, problem: SAP, run: Run) -> Outcome:

@@ -43,6 +43,8 @@ _NOISE = 0.1
 """Relative noise on the prices that begin a new plan."""
 _FIRST = 1e-4
 """First guess of the gap, relative to the bound."""
+_ARCS_A_SECOND = 50_000
+"""Arcs of a programme for every second left, above which the time would be over before HiGHS has begun to search."""
 
 
 @dataclass(eq=False)
@@ -79,7 +81,7 @@ class Search:
     @cached_property
     def network(self) -> Network:
         """The network, made when it is needed."""
-        return formulation.compile(self.problem)
+        return formulation.formulate(self.problem)
 
     def solve(self) -> State:
         """Run all phases; ends early when the time is up, keeping what is known."""
@@ -183,15 +185,29 @@ class Search:
             last = 4 * delta >= min(self._gap(), 0.05 * max(1.0, abs(self.prices.bound)))
             if last:
                 delta = self._gap()
-            ended = self._programme(delta, self.run.seconds_left if last else 0.4 * self.run.seconds_left)
+            if not self._fits(delta):
+                break
+            ended = self._programme(delta, 1.0 if last else 0.4)
             if last or not ended:
                 break
             delta *= 3
-        if not self.proven and not self.run.expired and not last:
-            self._programme(self._gap(), self.run.seconds_left)
+        if self.proven or self.run.expired:
+            return
+        if not self._fits(self._gap()):
+            self._neighbourhoods(self.run.seconds_left)
+        elif not last:
+            self._programme(self._gap(), 1.0)
 
-    def _programme(self, delta: float, seconds: float) -> bool:
-        """Solve the arcs of regret up to `delta`. Returns whether the search came to its end."""
+    def _fits(self, delta: float) -> bool:
+        """Whether there is time for a programme of the arcs of regret up to `delta`, or no other way to a plan."""
+        most = _ARCS_A_SECOND * self.run.seconds_left
+        return self.state.best.plan is None or int(self._within(delta).sum()) <= most
+
+    def _programme(self, delta: float, share: float) -> bool:
+        """Solve the arcs of regret up to `delta` in a share of the time that is left once they are written down.
+
+        Returns whether the search came to its end.
+        """
         gap = self._gap()
         keep = self._within(delta)
         floor = self.prices.bound - delta if np.isfinite(delta) else -np.inf
@@ -203,7 +219,7 @@ class Search:
             keep |= path
             start = path[keep].astype(np.float64)
             cutoff = -np.inf
-        answer = self._solve(keep, seconds, cutoff=cutoff, start=start)
+        answer = self._solve(keep, share, cutoff=cutoff, start=start)
         if answer.ending is Ending.INFEASIBLE:
             self.note("programme", -np.inf if self.state.best.plan is None else self.state.best.value)
             return True
@@ -212,15 +228,16 @@ class Search:
         self.note("programme", max(answer.bound, floor), plan)
         return answer.ending is Ending.OPTIMAL
 
-    def _solve(self, keep: np.ndarray, seconds: float, **options: Any) -> Answer:
+    def _solve(self, keep: np.ndarray, share: float, **options: Any) -> Answer:
         def watch(value: float, bound: float) -> bool:
             best = self.state.best.value
             return self.run.report(
                 self.run.seconds, self.run.time_limit or 0.0, best, self.state.bound, "programme"
             )
 
+        programme = self.network.programme(keep)
         return maximise(
-            self.network.programme(keep), seconds=seconds, tolerance=self.tolerance,
+            programme, seconds=share * self.run.seconds_left, tolerance=self.tolerance,
             watch=watch, options=self.options, **options,
         )  # fmt: skip
 

@@ -65,6 +65,8 @@ class Tree:
         ``watch(bound, nodes) -> stop?``, called after every node.
     polish : callable, optional
         ``polish(plan)``, given a plan now and then; `found` if omitted.
+    expired : callable
+        Whether the run is over; asked in the middle of a node.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class Tree:
         target: Callable[[], float],
         watch: Callable[[float, int], bool],
         polish: Callable[[IntArray], object] | None = None,
+        expired: Callable[[], bool] = lambda: False,
     ) -> None:
         self.stays = stays
         self.begin = begin
@@ -83,6 +86,7 @@ class Tree:
         self.target = target
         self.watch = watch
         self.polish = polish or found
+        self.expired = expired
         self.cuts, self.right = coefficients(stays, [])
         self.count = itertools.count()
         self.queue = [Node((-bound, next(self.count)), ())]
@@ -130,7 +134,7 @@ class Tree:
 
     def _work(self, number: int) -> None:
         try:
-            master = Master(self.stays, self.begin)
+            master = Master(self.stays, self.begin, self._over)
             if len(self.right):
                 master.cut(self.cuts, self.right)
             while True:
@@ -149,6 +153,9 @@ class Tree:
                     self.stop = True
         except BaseException as error:
             self.failure, self.stop = error, True
+
+    def _over(self) -> bool:
+        return self.stop or self.expired()
 
     def _next(self, number: int) -> Node | None:
         with self.change:
@@ -179,7 +186,7 @@ class Tree:
             return []
         if number == 0 and self.nodes >= self.next_dive:
             self.next_dive = self.nodes + _DIVES
-            plan = dive(master, closed, lambda: -np.inf, self.rng, 0.2, lambda: self.stop)
+            plan = dive(master, closed, lambda: -np.inf, self.rng, 0.2, self._over)
             if plan is not None:
                 self.polish(plan)
             relaxed = master.solve(closed, self.target())
@@ -230,7 +237,7 @@ class Tree:
         candidates: list[tuple[str, int, int, int]],
     ) -> tuple[tuple[str, int, int, int], tuple[float, float]]:
         """The branch that lowers the bound most, and the bounds of its two parts."""
-        basis = master.solver.getBasis()
+        basis = master.programme.basis
         best, best_score = None, -1.0
         limits = (relaxed.bound, relaxed.bound)
         for branch in candidates:
@@ -243,8 +250,8 @@ class Tree:
             score = drop[0] * drop[1]
             if score > best_score:
                 best, best_score, limits = branch, score, (parts[0], parts[1])
-            if min(parts) <= self.target():
-                break  # one part is settled: nothing is better
+            if min(parts) <= self.target() or self._over():
+                break  # one part is settled, and nothing is better; or there is no time to look on
         assert best is not None
         return best, limits
 

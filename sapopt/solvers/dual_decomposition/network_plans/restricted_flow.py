@@ -8,14 +8,20 @@ the relaxation of this flow agree, it is nearly integral.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.formulations.highs import Programme, SolverError, maximise
 from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, lookup, move_cost
+
+_OPTIONS: dict[str, Any] = {"threads": 1, "mip_abs_gap": 1e-6}
+"""Several networks are solved at the same time, and none has to be proven to the last digit."""
 
 
 @njit(cache=True, nogil=True)
@@ -248,69 +254,73 @@ def solve_flow(
     *,
     gap: float = 1e-6,
     seconds: float = np.inf,
+    stop: Callable[[], object] = lambda: False,
 ) -> IntArray | None:
-    """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none."""
-    import highspy
+    """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none.
 
+    Parameters
+    ----------
+    tasks : int
+        Number m of tasks.
+    gap : float
+        Relative gap at which the flow counts as the best.
+    seconds : float
+        Time limit.
+    stop : callable
+        Asked now and then; a true answer ends the search with the best flow so far.
+    """
+    starts = flow.tail < 0
+    programme, agents = _programme(flow, tasks)
+    held = plan[flow.step, flow.agent] == flow.task
+    chosen = held[flow.head] & (starts | held[np.maximum(flow.tail, 0)])
+    try:
+        answer = maximise(
+            programme, seconds=seconds, tolerance=gap, start=chosen.astype(float), options=_OPTIONS,
+            watch=lambda value, bound: bool(stop()),
+        )  # fmt: skip
+    except SolverError:
+        return None
+    if answer.x is None:
+        return None
+    on = flow.head[answer.x > 0.5]
+    if len(on) != len(np.unique(flow.step)) * agents:
+        return None
+    better = plan.copy()
+    better[flow.step[on], flow.agent[on]] = flow.task[on]
+    return better
+
+
+def _programme(flow: RestrictedFlow, tasks: int) -> tuple[Programme, int]:
+    """One path for every agent, and one agent for every contested cell; and how many agents there are.
+
+    Rows: a start per agent, conservation (out = in) per cell that is not in the last step, capacity per contested cell.
+    """
     arcs = len(flow.tail)
     starts = flow.tail < 0
-    rows, contested = _capacity_rows(flow, tasks)
-    # Row layout: one start per agent, conservation per cell (out = in) that is not in the last step, capacity.
+    capacity, contested = _capacity_rows(flow, tasks)
     order, agent_row = np.unique(flow.agent, return_inverse=True)
     inner = flow.step < flow.step.max()
     inner_row = np.cumsum(inner) - 1 + len(order)
-    n_rows = len(order) + int(inner.sum()) + contested
-    entry = np.arange(arcs)
     into = inner[flow.head]
-    used = rows[flow.head] >= 0
+    used = capacity[flow.head] >= 0
+    first = len(order) + int(inner.sum())
     row = np.concatenate(
         [
             agent_row[flow.head[starts]],
             inner_row[flow.head[into]],
             inner_row[flow.tail[~starts]],
-            len(order) + int(inner.sum()) + rows[flow.head[used]],
+            first + capacity[flow.head[used]],
         ]
     )
-    column = np.concatenate([entry[starts], entry[into], entry[~starts], entry[used]])
-    data = np.concatenate(
+    arc = np.arange(arcs)
+    column = np.concatenate([arc[starts], arc[into], arc[~starts], arc[used]])
+    sign = np.concatenate(
         [np.ones(starts.sum()), np.ones(into.sum()), -np.ones((~starts).sum()), np.ones(used.sum())]
     )
-    matrix = csc_array((data, (row, column)), shape=(n_rows, arcs))
-    lower = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.full(contested, -np.inf)])
-    upper = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.ones(contested)])
-
-    model = highspy.HighsLp()
-    model.num_col_, model.num_row_ = arcs, n_rows
-    model.sense_ = highspy.ObjSense.kMaximize
-    model.col_cost_ = flow.value
-    model.col_lower_, model.col_upper_ = np.zeros(arcs), np.ones(arcs)
-    model.row_lower_, model.row_upper_ = lower, upper
-    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-    model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
-    model.a_matrix_.value_ = matrix.data
-    model.integrality_ = [highspy.HighsVarType.kInteger] * arcs
-    highs = highspy.Highs()
-    highs.setOptionValue("output_flag", False)
-    highs.setOptionValue("threads", 1)
-    highs.setOptionValue("mip_rel_gap", gap)
-    if np.isfinite(seconds):
-        highs.setOptionValue("time_limit", float(seconds))
-    highs.passModel(model)
-    incumbent = highspy.HighsSolution()
-    held = plan[flow.step, flow.agent] == flow.task
-    chosen = held[flow.head] & (starts | held[np.maximum(flow.tail, 0)])
-    incumbent.col_value = chosen.astype(float)
-    highs.setSolution(incumbent)
-    highs.run()
-    solution = np.array(highs.getSolution().col_value)
-    if len(solution) != arcs:
-        return None
-    on = flow.head[solution > 0.5]
-    if len(on) != len(np.unique(flow.step)) * len(order):
-        return None
-    better = plan.copy()
-    better[flow.step[on], flow.agent[on]] = flow.task[on]
-    return better
+    rows = csc_array((sign, (row, column)), shape=(first + contested, arcs))
+    low = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.full(contested, -np.inf)])
+    high = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.ones(contested)])
+    return Programme(flow.value, rows, low, high, np.ones(arcs), np.ones(arcs, dtype=bool)), len(order)
 
 
 def _capacity_rows(flow: RestrictedFlow, tasks: int) -> tuple[IntArray, int]:

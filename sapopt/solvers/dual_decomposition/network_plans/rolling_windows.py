@@ -98,7 +98,7 @@ def rolling_windows(
         allowed = left * kept / (steps - first)
         flow = _fitting_flow(arrays, plan, prices, first, last, rng)
         limit = min(left, _PATIENCE * allowed)
-        found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit)
+        found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit, stop=stop)
         plan = plan if found is None else found
         if math.isfinite(seconds):
             pace.learn(clock.now() - began, allowed)

@@ -117,7 +117,8 @@ def _improve_window(
         if seconds_left() <= 0:
             break
         flow = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
-        found = solve_flow(flow, plan, arrays.tasks, seconds=max(_SHARE_OF_TIME * seconds_left(), 0.01))
+        seconds = max(_SHARE_OF_TIME * seconds_left(), 0.01)
+        found = solve_flow(flow, plan, arrays.tasks, seconds=seconds, stop=lambda: seconds_left() <= 0)
         if found is not None:
             found_value = arrays.value(found)
             if found_value >= value:
