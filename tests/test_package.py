@@ -22,6 +22,7 @@ PACKAGE = Path(sapopt.__file__).resolve().parent
 LAYERS = (
     ("cli",),
     ("sweeps",),
+    ("warming",),
     ("api",),
     ("domains", "learning", "report"),
     ("solvers", "plotting"),

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
-from types import FrameType
 
 from sapopt import api as verbs
+from sapopt import warming
 from sapopt.cli.links import shortened
 from sapopt.cli.progress import Phase, Reporter
 from sapopt.data.types import FloatArray
@@ -20,14 +17,9 @@ from sapopt.domains.instances import Scenario, find_instance, instances, scenari
 from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound
-from sapopt.running.control import Callback, Progress
+from sapopt.running.control import Callback, Progress, Run, interruptible
 from sapopt.running.display import describe
-from sapopt.running.outlook import Policy
 from sapopt.solvers.names import NamedSolver, nearest
-
-_WARM_UP_STEPS = 3
-_WARM_UP_SECONDS = 2.0
-_WARM_UP_ITERATIONS = 3
 
 
 def check_instance(name: str) -> None:
@@ -75,56 +67,29 @@ def _size(problem: SAP) -> str:
 
 
 def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> None:
-    """Compile what the solvers and the bound need, on the first steps, so that no time reported contains it."""
-    steps = min(_WARM_UP_STEPS, problem.T)
-    small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
-    solvers = shortened(solvers, steps)
-    iterations = count(1)
+    """Compile what the solvers and the bound need, so that no time reported contains it."""
+    solvers = shortened(solvers, min(warming.STEPS, problem.T))
     with reporter.phase("compiling kernels", total=len(solvers) + 1) as phase:
         for done, named in enumerate(solvers):
             phase.update(done, note=named.name)
-            # A policy must run all steps: the second one, which has a past, compiles more than the first.
-            limit = None if isinstance(named.solver, Policy) else _WARM_UP_SECONDS
-            if verbs.solve(small, named.solver, time_limit=limit).status is Status.INTERRUPTED:
-                raise KeyboardInterrupt
+            warming.warm_up(problem, named.solver)
         phase.update(len(solvers), note="bound")
-        # The first evaluation uses other kernels than the iterations that follow.
-        verbs.bound(small, callback=lambda progress: next(iterations) >= _WARM_UP_ITERATIONS)
+        warming.warm_up(problem, None)
         phase.note = ""
 
 
-@contextmanager
-def _first_interrupt_asks() -> Iterator[threading.Event]:
-    """Within the block the first Ctrl-C only sets the event that is yielded; the second one interrupts as usual.
-
-    An exception raised in the middle of a compiled kernel would not reach the solver as a KeyboardInterrupt, and the
-    plan made so far would be lost.
-    """
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked  # signals belong to the main thread
-        return
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        if asked.is_set():
-            raise KeyboardInterrupt
-        asked.set()
+def _announce() -> None:
+    with suppress(OSError):  # nobody listens, or the disk behind it is full: the run goes on
         os.write(2, b"\nstopping after this step; press Ctrl-C again to stop at once\n")
-
-    before = signal.signal(signal.SIGINT, ask)
-    try:
-        yield asked
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def run_solver(
     problem: SAP, named: NamedSolver, seed: int, time_limit: float | None, reporter: Reporter
 ) -> Result:
     """Solve, showing step after step, or bound and incumbent. Ctrl-C ends the run with what it has."""
-    with reporter.phase(named.name) as phase, _first_interrupt_asks() as asked:
+    with reporter.phase(named.name) as phase, interruptible(shown := Run(), _announce):
         result = verbs.solve(
-            problem, named.solver, seed=seed, time_limit=time_limit, callback=_shown(phase, asked)
+            problem, named.solver, seed=seed, time_limit=time_limit, callback=_shown(phase, shown)
         )
         phase.note = f"value {result.value:,.1f}"
         if result.bound is not None:
@@ -136,8 +101,8 @@ def run_solver(
 
 def prove_bound(problem: SAP, seed: int, time_limit: float | None, reporter: Reporter) -> Bound:
     """Prove an upper bound of the problem. Ctrl-C ends the run with the bound proven so far."""
-    with reporter.phase("proving a bound") as phase, _first_interrupt_asks() as asked:
-        proven = verbs.bound(problem, seed=seed, time_limit=time_limit, callback=_shown(phase, asked))
+    with reporter.phase("proving a bound") as phase, interruptible(shown := Run(), _announce):
+        proven = verbs.bound(problem, seed=seed, time_limit=time_limit, callback=_shown(phase, shown))
         phase.note = f"bound {proven.value:,.1f}"
     return proven
 
@@ -145,16 +110,16 @@ def prove_bound(problem: SAP, seed: int, time_limit: float | None, reporter: Rep
 @contextmanager
 def watched(text: str, reporter: Reporter) -> Iterator[tuple[Phase, Callback]]:
     """A phase, and a callback that shows a run in it; the first Ctrl-C makes the callback end the run."""
-    with reporter.phase(text) as phase, _first_interrupt_asks() as asked:
-        yield phase, _shown(phase, asked)
+    with reporter.phase(text) as phase, interruptible(shown := Run(), _announce):
+        yield phase, _shown(phase, shown)
 
 
-def _shown(phase: Phase, asked: threading.Event) -> Callback:
-    """A callback that shows the reports of a run, and ends it when the user asked to."""
+def _shown(phase: Phase, shown: Run) -> Callback:
+    """A callback that shows the reports of a run, and ends it when the user has stopped `shown`."""
 
     def show(progress: Progress) -> bool:
         phase.update(progress.done, progress.total or None, describe(progress))
-        return asked.is_set()
+        return shown.stopped
 
     return show
 

@@ -137,8 +137,11 @@ class Run:
 
 
 @contextmanager
-def interruptible(run: Run) -> Iterator[None]:
+def interruptible(run: Run, announce: Callable[[], None] | None = None) -> Iterator[None]:
     """Within the block the first Ctrl-C stops the run, which then ends with its incumbent; the second one interrupts.
+
+    The only handler of Ctrl-C in this library. Blocks may be nested: all their runs are stopped. `announce` is called
+    when a run is stopped so.
 
     A KeyboardInterrupt raised in the middle of a compiled kernel would come out of it as a SystemError, no solver would
     recognise it, and what was found so far would be lost. So the first one is no exception at all. A handler that
@@ -153,6 +156,8 @@ def interruptible(run: Run) -> Iterator[None]:
 
     def ask(number: int, frame: FrameType | None) -> None:
         second, run.stopped = run.stopped, True
+        if announce is not None and not second:
+            announce()
         if second or not own:
             before(number, frame)
 

@@ -11,9 +11,6 @@ from typing import Any
 
 from sapopt.problem.sap import SAP
 
-_WARM_UP_STEPS = 3
-_WARM_UP_SECONDS = 2.0
-
 
 def solve_job(spec: dict[str, Any]) -> dict[str, Any]:
     """Solve or bound one instance.
@@ -69,17 +66,9 @@ _warm: set[str] = set()
 
 def _warm_up(problem: SAP, solver: str) -> None:
     """Compile what the job needs, once a process and solver, so that no time limit pays for it."""
-    from sapopt.api import bound, solve
-    from sapopt.running.outlook import Policy
     from sapopt.solvers.names import parse_solver
+    from sapopt.warming import warm_up
 
-    if solver in _warm:
-        return
-    steps = min(_WARM_UP_STEPS, problem.T)
-    small = SAP(problem.benefits.slice(0, steps), problem.dynamics, problem.initial_assignment)
-    if solver == "bound":
-        bound(small, callback=lambda progress: True)
-    else:
-        chosen = parse_solver(solver).solver
-        solve(small, chosen, time_limit=None if isinstance(chosen, Policy) else _WARM_UP_SECONDS)
-    _warm.add(solver)
+    if solver not in _warm:
+        warm_up(problem, None if solver == "bound" else parse_solver(solver).solver)
+        _warm.add(solver)

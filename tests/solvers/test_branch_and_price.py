@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -125,3 +127,16 @@ def test_stopped_search_has_a_valid_bound() -> None:
     best = solve(problem, Exact())
     assert result.bound >= best.value - 1e-9
     assert best.status is Status.OPTIMAL
+
+
+def test_a_master_that_is_stopped_still_bounds() -> None:
+    """Cut short, the relaxation claims no plan, and its bound is valid."""
+    problem = SAP(np.random.default_rng(2).random((6, 4, 5)), SwitchingCost(0.4))
+    form = stays.formulate(problem)
+    best = solve(problem, Exact()).value
+    for most in range(4):
+        asked = itertools.count()
+        master = Master(form, np.arange(len(form)), lambda: next(asked) >= most)  # noqa: B023
+        relaxed = master.solve(np.zeros(len(form), dtype=bool), -np.inf)
+        assert relaxed.bound >= best - 1e-9
+        assert most > 0 or not (relaxed.whole or relaxed.complete)

@@ -12,10 +12,12 @@ from strategies import Instance
 
 from sapopt import SAP, InfeasibleError, Status, SwitchingCost, solve
 from sapopt.formulations.highs import Programme, SolverError, maximise
+from sapopt.formulations.network import Network
 from sapopt.running.control import Run
 from sapopt.solvers import HAAL
-from sapopt.solvers.exact import Exact
+from sapopt.solvers.exact import Exact, search
 from sapopt.solvers.exact.dp import TooLargeError, best_plan
+from sapopt.solvers.exact.search import Search
 from sapopt.solvers.exact.warm import Incumbent
 
 METHODS = ("network", "milp", "qap", "dp")
@@ -273,3 +275,56 @@ def test_networks_that_are_too_large(
     assert priced.value <= exact.value + 1e-9
     assert priced.bound is not None
     assert priced.bound >= exact.value - 1e-9
+
+
+def test_programmes_that_are_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where HiGHS would not begin to search in the time left, no programme is written; better plans are looked for."""
+    rng = np.random.default_rng(0)
+    problem = SAP(rng.random((8, 8, 10)), SwitchingCost(rng.random((10, 10)) * (1 - np.eye(10))))
+    start = solve(problem, HAAL(2))
+    seen: list[float] = []
+    monkeypatch.setattr("sapopt.solvers.exact.search._ARCS_A_SECOND", 0)
+    monkeypatch.setattr(Search, "_programme", lambda self, delta, share: seen.append(delta))
+    result = solve(problem, Exact(), time_limit=1.5, start=start)
+    assert not seen
+    assert result.value >= start.value
+    assert result.bound is not None
+    assert result.bound >= result.value
+    assert result.status in (Status.TIME_LIMIT, Status.OPTIMAL)
+
+
+def test_the_share_is_taken_of_what_writing_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time of a programme is measured when it is written down, not before."""
+    rng = np.random.default_rng(0)
+    problem = SAP(rng.random((6, 6, 8)), SwitchingCost(rng.random((8, 8)) * (1 - np.eye(8))))
+    allowed: list[tuple[float, float]] = []
+    plain, write = search.maximise, Network.programme
+
+    def slow(self: Network, keep: np.ndarray | None = None) -> Programme:
+        late[0] += 100.0
+        return write(self, keep)
+
+    def solved(programme: Programme, **options: Any) -> Any:
+        allowed.append((options["seconds"], run.seconds_left))
+        return plain(programme, **options)
+
+    late = [0.0]
+    run = Run(time_limit=1000.0)
+    monkeypatch.setattr(Run, "seconds", property(lambda self: late[0]))
+    monkeypatch.setattr(Network, "programme", slow)
+    monkeypatch.setattr(search, "maximise", solved)
+    Exact().plan(problem, run)
+    assert allowed
+    assert all(seconds <= left for seconds, left in allowed)
+
+
+def test_milp_is_stopped_by_the_callback() -> None:
+    """Progress and an early end reach the programme that cvxpy wrote."""
+    problem = SAP(np.random.default_rng(0).random((12, 14, 16)), SwitchingCost(0.5))
+    seen = []
+    result = solve(
+        problem, Exact("milp"), callback=lambda progress: seen.append(progress) or progress.message == "milp"
+    )
+    assert result.status is Status.INTERRUPTED
+    assert seen[-1].message == "milp"
+    assert result.value >= solve(problem, HAAL(2)).value
