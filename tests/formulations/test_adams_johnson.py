@@ -90,7 +90,7 @@ def test_products_that_are_left_out_change_nothing(free: bool) -> None:
     """Steps that are no neighbours have no products; the relaxation has the value of the one with all of them."""
     rng = np.random.default_rng(5)
     benefits = rng.integers(0, 5, (3, 2, 2)) * (rng.random((3, 2, 2)) < 0.7)
-    form = qap.compile(SAP(benefits.astype(float), SwitchingCost(1.5, idle_is_free=free), [0, 1]))
+    form = qap.formulate(SAP(benefits.astype(float), SwitchingCost(1.5, idle_is_free=free), [0, 1]))
     assert maximise(form.programme(), relaxed=True).value == pytest.approx(
         textbook(form.a, form.b, form.c), abs=1e-6
     )
