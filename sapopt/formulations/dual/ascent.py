@@ -19,7 +19,32 @@ from sapopt.formulations.dual.subgradient import Subgradient, SubgradientState
 from sapopt.kernels import clock
 
 _USUAL = 200
-"""Smooth steps; with time to spare up to three times as many, which is worth some 0.05 %."""
+"""Smooth steps where nothing else is said."""
+
+_MOST = 3 * _USUAL
+"""Smooth steps with time to spare; so many are worth some 0.05 %."""
+
+_SMOOTH_SHARE = 0.8
+"""Share of the iterations allowed that may be smooth ones; subgradient steps follow them."""
+
+_EVERY = 10
+"""Smooth steps between two looks at the dual itself, and between two renewals of the cheaper oracle."""
+
+_PAST = 0.85
+"""Weight of the past in the running mean of a step's time: a mean over some seven steps follows the load of the machine
+without being thrown by a single slow step."""
+
+_DEAREST_RENEWAL = 10.0
+"""Steps that a renewal counts for at most: what took longer was an accident that need not happen again."""
+
+_PLANNED = 0.9
+"""Share of the time left that steps are planned for; they get dearer and cheaper on the way."""
+
+_COOLING_SHARE = 0.4
+"""Share of the steps there is time for that the first plan of the cooling takes; the rest is for subgradient steps."""
+
+_CHANGE = 0.15
+"""Relative change of the number of steps left, below which the cooling goes on as it was planned."""
 
 Callback = Callable[[int, float, FloatArray], bool | None]
 
@@ -150,7 +175,7 @@ def ascend(
     scale = oracle.scale if isinstance(oracle, SoftPathOracle) else _scale(first, n, T)
     options = Subgradient() if soft else Subgradient(length=0.5, shortest=1e-5)
     if state is None:
-        descent = SmoothDescent(iterations=min(_USUAL, max(1, int(0.8 * watch.max_iterations))))
+        descent = SmoothDescent(iterations=min(_USUAL, max(1, int(_SMOOTH_SHARE * watch.max_iterations))))
         if prices is not None:
             descent = replace(descent, hot=0.05, iterations=min(100, descent.iterations))
         smooth = descent.begin(start) if soft else None
@@ -181,7 +206,7 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
     began, pace, renewal = clock.now(), 0.0, 0.0
     while smooth.iteration < descent.iterations:
         wide = descent.is_wide(oracle, smooth.iteration)
-        renewed = smooth.iteration % 10 == 0 or cheaper is None or wide != was_wide
+        renewed = smooth.iteration % _EVERY == 0 or cheaper is None or wide != was_wide
         if renewed:
             cheaper, smooth = descent.cheaper(oracle, smooth)
             was_wide = wide
@@ -191,17 +216,21 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
         if renewed:  # took the time of making the oracle too
             pace, renewal = 0.0, spent if done > 1 else 0.0
         elif np.isfinite(watch.stop_at):
-            pace = spent if pace == 0.0 else 0.85 * pace + 0.15 * spent
-            cost = (0.9 * pace + 0.1 * min(renewal, 10.0 * pace)) * descent.mean_cost(oracle, done - 1)
-            affordable = 0.9 * (watch.stop_at - now) / max(cost, 1e-9)
+            pace = spent if pace == 0.0 else _PAST * pace + (1.0 - _PAST) * spent
+            mean = (
+                pace + (min(renewal, _DEAREST_RENEWAL * pace) - pace) / _EVERY
+            )  # one step in so many is a renewal
+            cost = mean * descent.mean_cost(oracle, done - 1)
+            affordable = _PLANNED * (watch.stop_at - now) / max(cost, 1e-9)
             if done == 2 and wanted == _USUAL:
-                wanted = int(np.clip(0.4 * affordable, _USUAL, min(3 * _USUAL, 0.8 * watch.max_iterations)))
+                most = min(_MOST, _SMOOTH_SHARE * watch.max_iterations)
+                wanted = int(np.clip(_COOLING_SHARE * affordable, _USUAL, most))
             remaining = max(0, min(wanted - done, int(affordable)))
-            if abs(done + remaining - descent.iterations) > 0.15 * (descent.iterations - done):
+            if abs(done + remaining - descent.iterations) > _CHANGE * (descent.iterations - done):
                 descent = _replanned(descent, done, remaining)
                 smooth = replace(smooth, rate=max(smooth.rate, descent.first_rate))
         last = smooth.iteration >= descent.iterations
-        looked = smooth.iteration % 10 == 0 or last
+        looked = smooth.iteration % _EVERY == 0 or last
         if looked:
             watch.look(dual_value(oracle, smooth.prices))
         if watch.stop():
