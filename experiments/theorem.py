@@ -1,5 +1,10 @@
 """Algorithms 1 and 2 and the optimum in exact arithmetic, on sequential assignment problems of any state model.
 
+Line 2 of Algorithm 2 sets the window at step k = 1 .. T to L' = min(L, T - k) steps. To the letter that leaves no step
+at k = T, and the last L windows one step short of what can be known; appendix A and the prose mean min(L, T - k + 1).
+Both readings are followed here. The instances refute the theorem in the second one. With one step appended in which
+every pair is worth B/n, which changes neither B nor c, B2, B, C and G1 refute it in both.
+
 No verdict here rests on sapopt, and no number is rounded: benefits, costs and values are integers or fractions.
 Assignments are tuples, all of them are enumerated, and where several are equally good *all* ways to break the ties
 can be followed, so that a claim does not rest on how ties are broken.
@@ -15,6 +20,7 @@ import argparse
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import permutations
@@ -40,7 +46,7 @@ class Model(ABC):
         self.benefits = [[[Fraction(x) for x in row] for row in step] for step in self.benefits]
         self.T, self.n, self.m = len(self.benefits), len(self.benefits[0]), len(self.benefits[0][0])
         self.choices = list(permutations(range(self.m), self.n))
-        self._best: dict[Any, tuple[Fraction, list[Assignment]]] = {}
+        self._best: dict[Any, list[Assignment]] = {}
 
     @abstractmethod
     def eta(self, state: Any, choice: Assignment) -> Fraction:
@@ -67,8 +73,8 @@ class Model(ABC):
             state = self.after(state, choice)
         return total
 
-    def interval(self, start: int, stop: int, state: Any) -> tuple[Fraction, list[Assignment]]:
-        """Value of the best assignment held over ``start .. stop - 1``, and all assignments that reach it."""
+    def interval(self, start: int, stop: int, state: Any) -> list[Assignment]:
+        """All optimal assignments of the summed benefits of ``start .. stop - 1`` plus eta(state) (lines 8 and 9)."""
         key = (start, stop, state)
         if key not in self._best:
             worth = [
@@ -76,14 +82,25 @@ class Model(ABC):
                 for x in self.choices
             ]
             top = max(worth)
-            self._best[key] = top, [x for x, w in zip(self.choices, worth, strict=True) if w == top]
+            self._best[key] = [x for x, w in zip(self.choices, worth, strict=True) if w == top]
         return self._best[key]
 
-    def travel(self, state: Any, choice: Assignment, steps: int) -> Any:
-        """State after an assignment was held for some steps."""
-        for _ in range(steps):
+    def played(self, start: int, stop: int, state: Any, choice: Assignment) -> tuple[Fraction, Any]:
+        """What an assignment held over ``start .. stop - 1`` brings, and the state it leads to, step by step."""
+        total = Fraction(0)
+        for k in range(start, stop):
+            total += self.static(k, choice) + self.eta(state, choice)
             state = self.after(state, choice)
-        return state
+        return total, state
+
+    def appended(self) -> Model:
+        """The same with one more step, in which every pair is worth B/n: no assignment there is worth less than B."""
+        longer = copy(self)
+        share = self.least() / self.n
+        longer.benefits = [*self.benefits, [[share] * self.m for _ in range(self.n)]]
+        longer.T = self.T + 1
+        longer._best = {}
+        return longer
 
     def least(self) -> Fraction:
         """B-underbar: the least benefit of any assignment at any step."""
@@ -140,11 +157,16 @@ def optimum(model: Model) -> Fraction:
     return max(layer.values())
 
 
-def haal_values(model: Model, lookahead: int) -> set[Fraction]:
+def window_end(model: Model, lookahead: int, k: int, to_the_letter: bool = False) -> int:
+    """One past the last step that the window of step k (0-based) holds, in either reading of line 2; at least k + 1."""
+    return min(k + lookahead, model.T) if not to_the_letter else max(min(k + lookahead, model.T - 1), k + 1)
+
+
+def haal_values(model: Model, lookahead: int, to_the_letter: bool = False) -> set[Fraction]:
     """Values of Algorithm 2 under every way to break ties (between assignments and between sequences)."""
     ends: set[tuple[Any, Fraction]] = {(model.start, Fraction(0))}
     for k in range(model.T):
-        stop = min(k + lookahead, model.T)
+        stop = window_end(model, lookahead, k, to_the_letter)
         memo: dict[Any, set[tuple[Fraction, Assignment]]] = {}
         ends = {
             (model.after(state, x), value + model.static(k, x) + model.eta(state, x))
@@ -162,13 +184,12 @@ def _outcomes(
         return memo[start, state]
     by_cut = []
     for cut in range(start + 1, stop + 1):
-        value, tied = model.interval(start, cut, state)
         found = set()
-        for x in tied:
+        for x in model.interval(start, cut, state):
+            value, after = model.played(start, cut, state, x)
             if cut == stop:
                 found.add((value, x))
                 continue
-            after = model.travel(state, x, cut - start)
             found |= {(value + rest, x) for rest, _ in _outcomes(model, cut, stop, after, memo)}
         by_cut.append(found)
     # an outcome can win if the other cuts can, ties broken against them, do no better
@@ -194,7 +215,7 @@ def haal_plan(model: Model, lookahead: int, keep_plan: bool = False) -> list[Ass
                 inner = state
                 for x in kept:
                     inner = model.after(inner, x)
-                kept.append(model.interval(stop - 1, stop, inner)[1][0])
+                kept.append(model.interval(stop - 1, stop, inner)[0])
             if model.value(kept, state, k) > model.value(best, state, k):
                 best = kept
         plan.append(best[0])
@@ -208,8 +229,8 @@ def _sequences(model: Model, start: int, stop: int, state: Any) -> Iterator[list
         yield []
         return
     for cut in range(start + 1, stop + 1):
-        x = model.interval(start, cut, state)[1][0]
-        for rest in _sequences(model, cut, stop, model.travel(state, x, cut - start)):
+        x = model.interval(start, cut, state)[0]
+        for rest in _sequences(model, cut, stop, model.played(start, cut, state, x)[1]):
             yield [x] * (cut - start) + rest
 
 
@@ -243,26 +264,30 @@ def main(argv: Sequence[str] | None = None) -> None:
     run = common.begin(__doc__, "theorem", argv, add=add)
     rows = []
     print(
-        f"{'instance':36} {'L':>2} {'optimum':>8} {'HAAL':>8} {'HAA':>8} {'HAAL+':>8} {'ratio':>7} {'c/(1+c)':>8}"
+        f"{'instance':38} {'L':>2} {'optimum':>8} {'HAAL':>8} {'letter':>8} {'HAA':>8} {'HAAL+':>8} "
+        f"{'ratio':>7} {'c/(1+c)':>8}"
     )
-    for entry in load(run.options.file):
-        model, lookahead = entry["model"], entry["lookahead"]
+    known = [(entry["name"], entry["model"], entry["lookahead"]) for entry in load(run.options.file)]
+    known += [(f"{name}+1", model.appended(), lookahead) for name, model, lookahead in known]
+    for name, model, lookahead in known:
         best = optimum(model)
         haal, haa = haal_values(model, lookahead), haal_values(model, 1)
+        letter = haal_values(model, lookahead, to_the_letter=True)
         plus = model.value(haal_plan(model, lookahead, keep_plan=True))
         c = model.least() / model.worst_handover()
-        mark = "  violated" if max(haal) < c / (1 + c) * best else ""
+        broken = [max(values) < c / (1 + c) * best for values in (haal, letter)]
+        mark = "  violated" + (" in both readings" if all(broken) else "") if any(broken) else ""
         print(
-            f"{entry['name']:36} {lookahead:>2} {best!s:>8} {'/'.join(map(str, sorted(haal))):>8} "
-            f"{'/'.join(map(str, sorted(haa))):>8} {plus!s:>8} {float(max(haal) / best):>7.4f} "
-            f"{float(c / (1 + c)):>8.4f}{mark}"
+            f"{name:38} {lookahead:>2} {best!s:>8} {'/'.join(map(str, sorted(haal))):>8} "
+            f"{'/'.join(map(str, sorted(letter))):>8} {'/'.join(map(str, sorted(haa))):>8} {plus!s:>8} "
+            f"{float(max(haal) / best):>7.4f} {float(c / (1 + c)):>8.4f}{mark}"
         )
         rows.append(
             {
-                "name": entry["name"], "lookahead": lookahead, "optimum": str(best),
-                "haal": [str(v) for v in sorted(haal)],
+                "name": name, "lookahead": lookahead, "optimum": str(best),
+                "haal": [str(v) for v in sorted(haal)], "haal_to_the_letter": [str(v) for v in sorted(letter)],
                 "haa": [str(v) for v in sorted(haa)], "haal_plus": str(plus), "promised": str(c / (1 + c)),
-                "violated": bool(mark),
+                "violated": broken[0], "violated_to_the_letter": broken[1],
             }
         )  # fmt: skip
     run.write_json({"instances": rows})

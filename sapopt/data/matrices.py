@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -70,6 +70,17 @@ class GainMatrix:
         holds = np.flatnonzero(self.held >= 0)
         out[holds, self.held[holds]] = self.rest + self.held_gain[holds]
         return out
+
+    def plus(self, matrix: sp.csr_array) -> GainMatrix:
+        """The sum with a sparse matrix of shape ``(n, m)`` without forbidden pairs."""
+        n, m = self.shape
+        listed = sp.csr_array((self.gains, self.tasks, self.row_start), shape=(n, m))
+        total = GainMatrix.from_matrix(sp.csr_array(listed + matrix))
+        holds = np.flatnonzero(self.held >= 0)
+        held_gain = self.held_gain.copy()
+        if len(holds):  # scipy cannot take an empty list of entries
+            held_gain[holds] += np.asarray(sp.csr_array(matrix)[holds, self.held[holds]]).ravel()
+        return replace(total, held=self.held, held_gain=held_gain, rest=self.rest)
 
     def value(self, assignment: IntArray) -> float:
         """Total benefit of an assignment."""

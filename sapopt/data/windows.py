@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.benefits import Benefits, dense_step
+from sapopt.data.benefits import Benefits, StepMatrix, dense_step
 from sapopt.data.types import FloatArray, IntArray
 
 
@@ -42,6 +42,7 @@ class WindowSums:
         self.end = first + benefits.shape[0]
         self.is_sparse = benefits.is_sparse
         self._gains: dict[tuple[int, int, float], GainRows] = {}
+        self._sparse: dict[tuple[int, int], StepMatrix] = {}
         self._dense: dict[tuple[int, int], FloatArray] = {}
 
     def slice(self, start: int, stop: int) -> Benefits:
@@ -62,6 +63,15 @@ class WindowSums:
             rows = self._gains[key] = GainRows(row_start, tasks, gains, bool(len(gains) and gains.min() < 0))
         return rows
 
+    def summed(self, start: int, stop: int) -> StepMatrix:
+        """Window sum in the form of the benefits, sparse or dense."""
+        if not self.is_sparse:
+            return self.dense(start, stop)
+        key = (start, stop)
+        if key not in self._sparse:
+            self._sparse[key] = self.benefits.window(start - self.first, stop - self.first)
+        return self._sparse[key]
+
     def dense(self, start: int, stop: int) -> FloatArray:
         """Window sum as an array of shape ``(n, m)``."""
         key = (start, stop)
@@ -72,4 +82,5 @@ class WindowSums:
     def forget(self, before: int) -> None:
         """Drop windows that start before a step."""
         self._gains = {key: rows for key, rows in self._gains.items() if key[0] >= before}
+        self._sparse = {key: sums for key, sums in self._sparse.items() if key[0] >= before}
         self._dense = {key: sums for key, sums in self._dense.items() if key[0] >= before}

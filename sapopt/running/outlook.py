@@ -10,10 +10,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from sapopt.data.assignment import best_assignment
-from sapopt.data.benefits import Benefits
+from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.feasibility import InfeasibleError
-from sapopt.data.matrices import Matrix
-from sapopt.data.types import IntArray
+from sapopt.data.matrices import GainMatrix, Matrix
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics.base import Model
 from sapopt.problem.result import Status
@@ -74,6 +74,35 @@ class Outlook:
     def interval(self, start: int, stop: int, state: Any) -> Matrix:
         """Benefit of holding one assignment over ``start .. stop - 1``, entered in `state`."""
         return self.problem.model.interval(self.windows, start, stop, state)
+
+    def entered(self, start: int, stop: int, state: Any) -> Matrix:
+        """What Algorithm 2 assigns an interval by (thesis, lines 8 and 9): its summed benefits plus eta(state).
+
+        The handover counts once, as if the state stayed what it is at the interval's first step. `interval` may know
+        better: for batteries and rules of `AgentLocal` it counts what really happens on the way.
+        """
+        if (
+            stop == start + 1 or self.model.switching() is not None
+        ):  # there an interval is entered, and no more
+            return self.interval(start, stop, state)
+        first = self.interval(start, start + 1, state)
+        later = self.windows.summed(start + 1, stop)
+        if isinstance(first, GainMatrix):
+            if not isinstance(later, np.ndarray) and not np.isneginf(later.data).any():
+                return first.plus(later)
+            first = first.toarray()
+        return first + dense_step(later)
+
+    def played(self, start: int, stop: int, state: Any, tasks: IntArray) -> tuple[FloatArray, Any]:
+        """What an assignment that is held over ``start .. stop - 1`` brings every agent, (n,), and the state after it.
+
+        The state moves at every step (thesis, Algorithm 2, lines 11 and 12).
+        """
+        gains = np.zeros(len(tasks))
+        for k in range(start, stop):
+            gains += self.windows.slice(k, k + 1).at(tasks[None])[0] + self.model.handover_at(k, state, tasks)
+            state = self.problem.transition(k, state, tasks)
+        return gains, state
 
     def beta_hat(self) -> Matrix:
         """State-dependent benefits of the current step."""

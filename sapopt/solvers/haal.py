@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,14 @@ _TIE = 1e-12
 _PARKING_STEPS = 6
 
 
+class Solved(NamedTuple):
+    """An interval: the assignment that is held over it, what that brings, and the state it leads to."""
+
+    tasks: IntArray
+    value: float
+    after: Any
+
+
 @dataclass
 class HAALMemory:
     """What HAAL remembers: solved intervals, valid as long as the benefits it sees are the same.
@@ -32,7 +40,7 @@ class HAALMemory:
     tree : CompiledTree, optional
         Holds the intervals of a sparse problem with one switching cost.
     solved : dict
-        Those of other problems: ``(start, stop, state key) -> (assignment, value)``.
+        Those of other problems: ``(start, stop, state key) -> Solved``.
     kept : list of ndarray
         Unexecuted rest of the last plan, for ``keep_plan``.
     uncompiled : bool
@@ -43,7 +51,7 @@ class HAALMemory:
 
     windows: Any = None
     tree: CompiledTree | None = None
-    solved: dict[tuple[int, int, Any], tuple[IntArray, float]] = field(default_factory=dict)
+    solved: dict[tuple[int, int, Any], Solved] = field(default_factory=dict)
     kept: list[IntArray] = field(default_factory=list)
     uncompiled: bool = False
     assignment_problems: int = 0
@@ -54,9 +62,11 @@ class HAAL:
     """Handover-aware assignment with lookahead (thesis, Algorithm 2).
 
     At every step all ways to cut the next L steps into intervals are tried. An interval is one assignment problem over
-    the sum of its benefits plus the handover from the state before it. The first assignment of the best sequence is
-    executed. Sequences that begin alike share their first intervals, so 2^L - 1 assignment problems suffice, fewer
-    where different sequences lead to the same state; intervals solved at one step are remembered for the next.
+    the sum of its benefits plus the handover from the state before it (line 9). A sequence is worth what it brings when
+    it is played step by step, with the state moving at every step (lines 11 and 12). The first assignment of the best
+    sequence is executed. Sequences that begin alike share their first intervals, so 2^L - 1 assignment problems
+    suffice, fewer where different sequences lead to the same state; intervals solved at one step are remembered for the
+    next.
 
     For sparse benefits and one switching cost the search is compiled and also skips last intervals that provably
     cannot matter, see `sapopt.kernels.tree`. It holds up to 2^L states a step; where they would take more than 512 MiB
@@ -77,6 +87,10 @@ class HAAL:
         HAAL+: the unexecuted rest of the plan of the step before, with one more step assigned by alpha(beta_hat),
         competes with the new sequences. This restores the c / (1 + c) guarantee, which Algorithm 2 loses for L >= 3
         because every interval is solved for itself (docs/theorem.md). The search is not compiled.
+    exact_intervals : bool
+        Not in the thesis: choose an interval's assignment by what every pair really yields over it, handovers and
+        states on the way counted, where the dynamics can tell (`Battery` and all rules of `AgentLocal`). Elsewhere, and
+        for `SwitchingCost`, this changes nothing.
 
     References
     ----------
@@ -86,11 +100,13 @@ class HAAL:
     lookahead: int = 3
     parking: Parking = "lowest"
     keep_plan: bool = False
+    exact_intervals: bool = False
 
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
-        if not isinstance(self.keep_plan, bool):
-            raise ValueError(f"keep_plan must be True or False, got {self.keep_plan!r}")
+        for name in ("keep_plan", "exact_intervals"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if self.parking not in ("lowest", "lookahead"):
             raise ValueError(f"parking must be 'lowest' or 'lookahead', got {self.parking!r}")
 
@@ -98,6 +114,7 @@ class HAAL:
     def name(self) -> str:
         """Name with options."""
         suffix = "" if self.parking == "lowest" else ", parking=lookahead"
+        suffix += ", exact intervals" if self.exact_intervals else ""
         return f"HAAL{'+' if self.keep_plan else ''}(L={self.lookahead}{suffix})"
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
@@ -139,7 +156,8 @@ class HAAL:
             memory.solved.clear()
         for key in [key for key in memory.solved if key[0] < outlook.k]:
             del memory.solved[key]
-        search = _Search(outlook, memory, order, min(outlook.k + self.lookahead, outlook.end))
+        stop = min(outlook.k + self.lookahead, outlook.end)
+        search = _Search(outlook, memory, order, stop, self.exact_intervals)
         first, value = search.best(outlook.k, outlook.state)
         if self.keep_plan:
             kept, kept_value = search.continued(memory.kept)
@@ -164,11 +182,14 @@ class HAAL:
 class _Search:
     """The tree of interval sequences of one step."""
 
-    def __init__(self, outlook: Outlook, memory: HAALMemory, order: IntArray, stop: int) -> None:
+    def __init__(
+        self, outlook: Outlook, memory: HAALMemory, order: IntArray, stop: int, exact_intervals: bool
+    ) -> None:
         self.outlook = outlook
         self.memory = memory
         self.order = order
         self.stop = stop
+        self.exact_intervals = exact_intervals
         self.known: dict[tuple[int, Any], tuple[IntArray | None, float]] = {}
 
     def best(self, start: int, state: Any) -> tuple[IntArray | None, float]:
@@ -181,12 +202,9 @@ class _Search:
         first: IntArray | None = None
         top = -np.inf
         for cut in range(start + 1, self.stop + 1):
-            tasks, value = self._interval(start, cut, state, fingerprint)
+            tasks, value, after = self._interval(start, cut, state, fingerprint)
             if value == -np.inf:
                 continue
-            after = state
-            for k in range(start, cut):
-                after = self.outlook.model.transition(k, after, tasks)
             total = value + self.best(cut, after)[1]
             if total == -np.inf:  # a dead end later on
                 continue
@@ -223,31 +241,29 @@ class _Search:
             if first is None:
                 break
             for cut in range(start + 1, self.stop + 1):
-                fingerprint = self.outlook.model.key(state)
-                tasks, value = self._interval(start, cut, state, fingerprint)
+                tasks, value, after = self._interval(start, cut, state, self.outlook.model.key(state))
                 if value == -np.inf or not np.array_equal(tasks, first):
                     continue
-                after = state
-                for k in range(start, cut):
-                    after = self.outlook.model.transition(k, after, tasks)
                 if value + self.best(cut, after)[1] >= top - _TIE * abs(top):
                     break
             plan += [first] * (cut - start)
             start, state = cut, after
         return plan
 
-    def _interval(self, start: int, stop: int, state: Any, fingerprint: Any) -> tuple[IntArray, float]:
-        """Best single assignment for the steps ``start .. stop - 1``; value -inf if there is none."""
+    def _interval(self, start: int, stop: int, state: Any, fingerprint: Any) -> Solved:
+        """The assignment chosen for the steps ``start .. stop - 1``; value -inf if there is none."""
         known = self.memory.solved.get((start, stop, fingerprint))
         if known is not None:
             return known
         self.outlook.check()
         self.memory.assignment_problems += 1
+        matrix = (self.outlook.interval if self.exact_intervals else self.outlook.entered)(start, stop, state)
         try:
-            found = best_assignment(self.outlook.interval(start, stop, state), self.order)
-            solved = found.tasks, found.value
+            tasks = best_assignment(matrix, self.order).tasks
+            gains, after = self.outlook.played(start, stop, state, tasks)
+            solved = Solved(tasks, float(gains.sum()), after)
         except InfeasibleError:
-            solved = np.empty(0, dtype=np.int64), -np.inf
+            solved = Solved(np.empty(0, dtype=np.int64), -np.inf, None)
         self.memory.solved[start, stop, fingerprint] = solved
         return solved
 

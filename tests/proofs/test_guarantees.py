@@ -10,6 +10,7 @@ import pytest
 import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from own_conditions import Tired
 
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.proofs.guarantees import guarantee
@@ -53,7 +54,7 @@ def test_least_benefit_is_exact(seed: int, n: int, m: int) -> None:
         promise = guarantee(SAP(form, SwitchingCost(1.0)))
         assert promise.least_benefit == least
         assert promise.least_benefit_by_entry == n * benefits.min() <= least
-        assert promise.handover_size == n
+        assert promise.handover_size == n  # m >= 3, so that all n can move at once
 
 
 @pytest.mark.parametrize("known", [x for x in KNOWN if "benefits" in x and "c" in x], ids=lambda x: x["name"])
@@ -65,57 +66,71 @@ def test_c_of_the_known_instances(known: dict) -> None:
     assert guarantee(problem).c == pytest.approx(known["c"])
 
 
-def test_conditions_of_the_switching_cost() -> None:
-    """Strict where every move costs; not where idling or a pair of tasks is free."""
-    benefits = np.ones((2, 2, 3))
-    free = np.ones((3, 3)) - np.eye(3)
-    free[0, 1] = 0.0
-    for dynamics, strict in (
-        (SwitchingCost(1.0), "yes"), (SwitchingCost(0.0), "no"), (SwitchingCost(1.0, idle_is_free=True), "no"),
-        (SwitchingCost(free), "no"), (SwitchingCost(np.ones((3, 3)) - np.eye(3)), "yes"),
-    ):  # fmt: skip
-        conditions = guarantee(SAP(benefits, dynamics)).conditions
-        assert (conditions.vanishing, conditions.strict_penalty, conditions.assignment_dominated) == (
-            "yes",
-            strict,
-            "yes",
-        )
-    assert guarantee(SAP(benefits, SwitchingCost(0.0))).c == math.inf
+def test_nothing_is_promised_where_pairs_are_forbidden() -> None:
+    """An agent that may not stay can be made to pay more than the theorem allows for; the reason is given."""
+    problem = SAP([[[1, 1.1]], [[1, -np.inf]]], 10.0)
+    promise = guarantee(problem)
+    assert solve(problem, HAA()).value == pytest.approx(-7.9)
+    assert promise.ratio == promise.refined_ratio == 0.0
+    assert not promise.covers(HAA())
+    assert "some pairs are forbidden" in promise.statement
 
 
-class Tired:
-    """Every agent loses 1 from its second step on the same task, and the state counts the steps."""
+class Staying:
+    """One agent that is paid for staying, and pays for a move; the state is the task it held."""
 
-    handover_limit = 0.0
+    handover_limit, handover_floor = 1.0, -2.0
 
-    def __init__(self, tiring: bool) -> None:
-        self.tiring = tiring
+    def initial_state(self, problem: SAP) -> int:
+        return 0
 
-    def initial_state(self, problem: SAP) -> tuple:
-        return ((), 0)
-
-    def handover(self, k: int, state: tuple) -> np.ndarray:
-        eta = np.full((2, 3), 0.0 if not state[0] else -2.0)
-        for i, j in enumerate(state[0]):
-            eta[i, j] = -1.0 * self.tiring
+    def handover(self, k: int, state: int) -> np.ndarray:
+        eta = np.full((1, 3), -2.0)
+        eta[0, state] = 1.0
         return eta
 
-    def transition(self, k: int, state: tuple, assignment: np.ndarray) -> tuple:
-        return (tuple(int(j) for j in assignment), (state[1] + 1) * self.tiring)
-
-    def key(self, state: tuple) -> tuple:
-        return state
+    def transition(self, k: int, state: int, assignment: np.ndarray) -> int:
+        return int(assignment[0])
 
 
-def test_conditions_of_a_user_are_enumerated() -> None:
-    """A small user-defined model is decided by visiting its states; without a size of handovers nothing is promised."""
-    tired = guarantee(SAP(np.ones((3, 2, 3)), Tired(True))).conditions
-    assert (tired.vanishing, tired.strict_penalty, tired.assignment_dominated) == ("no", "yes", "yes")
-    plain = guarantee(SAP(np.ones((3, 2, 3)), Tired(False)))
-    assert (plain.conditions.vanishing, plain.conditions.strict_penalty) == ("yes", "yes")
-    assert plain.conditions.assignment_dominated == "yes"
-    assert math.isnan(plain.c)
-    assert plain.ratio == 0.0
+class EveryStepCharged(Staying):
+    """The same, but the first step charges every task: nobody held anything."""
+
+    handover_limit, handover_floor = 1.0, -2.0
+
+    def handover(self, k: int, state: int) -> np.ndarray:
+        return np.full((1, 3), -2.0) if k == 0 else super().handover(k, state)
+
+
+def test_staying_may_pay() -> None:
+    """Definition 3.5.1 asks for eta >= 0 at the task that is kept: a bonus is no obstacle; |H| is its full range."""
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        problem = SAP(rng.integers(3, 9, (3, 1, 3)), Staying())
+        promise = guarantee(problem)
+        assert promise.applies
+        assert promise.handover_size == 3.0
+        assert promise.c == promise.least_benefit / 3.0
+        optimum = max(problem.evaluate(np.array(plan)).value for plan in plans(problem))
+        for solver in (HAA(), HAAL(2), HAAL(3, keep_plan=True)):
+            assert solve(problem, solver).value >= max(promise.ratio, promise.refined_ratio) * optimum - 1e-9
+
+
+def test_a_first_step_that_charges_everything_is_no_start() -> None:
+    """The proof compares with staying, at the first step too; where that is impossible nothing is promised."""
+    promise = guarantee(SAP(np.ones((3, 1, 3)), EveryStepCharged()))
+    assert promise.conditions.vanishing == "yes"
+    assert promise.conditions.fair_start == "no"
+    assert promise.ratio == 0.0
+
+
+def test_without_a_size_of_handovers_nothing_is_promised() -> None:
+    """A user's dynamics that does not say what handovers can cost."""
+    promise = guarantee(SAP(np.ones((3, 2, 3)), Tired(False)))
+    assert promise.conditions.vanishing == "yes"
+    assert math.isnan(promise.c)
+    assert promise.ratio == 0.0
+    assert "does not say how much handovers can cost" in promise.statement
 
 
 def test_forbidden_pairs_and_negative_benefits() -> None:

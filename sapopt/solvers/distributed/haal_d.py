@@ -9,7 +9,7 @@ import numpy as np
 
 from sapopt.data.assignment import best_assignment
 from sapopt.data.feasibility import InfeasibleError
-from sapopt.data.matrices import GainMatrix, Matrix
+from sapopt.data.matrices import Matrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
@@ -24,29 +24,19 @@ Knowledge = Literal["own", "all"]
 _TIE = 1e-12
 
 
-def interval_problems(outlook: Outlook, lookahead: int) -> dict[Interval, Matrix]:
+def interval_problems(
+    outlook: Outlook, lookahead: int, exact_intervals: bool = False
+) -> dict[Interval, Matrix]:
     """The L (L + 1) / 2 interval problems of the window, all of them entered from the current state.
 
     Algorithm 2 enters an interval from the state that the intervals before it lead to; here the agents solve all
     intervals at once and know only the current state.
     """
     stop = min(outlook.k + lookahead, outlook.end)
+    matrix = outlook.interval if exact_intervals else outlook.entered
     return {
-        (a, b): outlook.interval(a, b, outlook.state)
-        for a in range(outlook.k, stop)
-        for b in range(a + 1, stop + 1)
+        (a, b): matrix(a, b, outlook.state) for a in range(outlook.k, stop) for b in range(a + 1, stop + 1)
     }
-
-
-def contributions(matrix: Matrix, tasks: IntArray) -> FloatArray:
-    """What every agent adds to the value of an assignment, shape ``(n,)``."""
-    if isinstance(matrix, GainMatrix):
-        from sapopt.solvers.distributed.auction_kernels import entries_at
-
-        rows = (matrix.row_start, matrix.tasks, matrix.gains, matrix.held, matrix.held_gain)
-        added: FloatArray = entries_at(*rows, tasks) + matrix.rest
-        return added
-    return np.asarray(matrix[np.arange(len(tasks)), tasks])
 
 
 def best_sequence(
@@ -74,10 +64,8 @@ def best_sequence(
             tasks = solved.get((start, end))
             if tasks is None:
                 continue
-            added = np.bincount(component, contributions(outlook.interval(start, end, state), tasks), parts)
-            after = state
-            for k in range(start, end):
-                after = outlook.model.transition(k, after, tasks)
+            gains, after = outlook.played(start, end, state, tasks)
+            added = np.bincount(component, gains, parts)
             total = added + best(end, after)[1]
             # Equal sequences: the shortest first interval, as in HAAL.
             better = (total > -np.inf) & (
@@ -115,6 +103,8 @@ class HAALD(Talks):
     faults : Faults, optional
     max_rounds : int
         Rounds of a step after which a part gives up and keeps its tasks.
+    exact_intervals : bool
+        See `sapopt.solvers.HAAL`.
 
     Raises
     ------
@@ -123,7 +113,7 @@ class HAALD(Talks):
 
     References
     ----------
-    J. Holder, MSc thesis, University of Washington, 2024, section 3.5.
+    J. Holder, MSc thesis, University of Washington, 2024, section 3.4.
     """
 
     lookahead: int = 3
@@ -133,9 +123,12 @@ class HAALD(Talks):
     allow_disconnected: bool = False
     faults: Faults | None = None
     max_rounds: int = MAX_ROUNDS
+    exact_intervals: bool = False
 
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
+        if not isinstance(self.exact_intervals, bool):
+            raise ValueError(f"exact_intervals must be True or False, got {self.exact_intervals!r}")
         check_options(self.epsilon, self.max_rounds, self.faults)
         if self.knowledge not in ("own", "all"):
             raise ValueError(f"knowledge must be 'own' or 'all', got {self.knowledge!r}")
@@ -175,7 +168,7 @@ class HAALD(Talks):
             without a full assignment are missing; which these are is taken to be known to the agents.
         agreed : ndarray of bool, shape (n,)
         """
-        problems = interval_problems(outlook, self.lookahead)
+        problems = interval_problems(outlook, self.lookahead, self.exact_intervals)
         for interval in list(problems):
             reason = infeasible(problems[interval], scene)
             if reason:
@@ -198,9 +191,12 @@ class CentralHAALD:
     Parameters
     ----------
     lookahead : int
+    exact_intervals : bool
+        See `sapopt.solvers.HAAL`.
     """
 
     lookahead: int = 3
+    exact_intervals: bool = False
 
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
@@ -217,7 +213,8 @@ class CentralHAALD:
     def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
         """Execute the first assignment of the best sequence of intervals."""
         solved = {}
-        for interval, matrix in interval_problems(outlook, self.lookahead).items():
+        problems = interval_problems(outlook, self.lookahead, self.exact_intervals)
+        for interval, matrix in problems.items():
             try:
                 solved[interval] = best_assignment(matrix, outlook.parking).tasks
             except InfeasibleError as error:

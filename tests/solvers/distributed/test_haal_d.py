@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.data.assignment import best_assignment
 from sapopt.data.benefits import Benefits
+from sapopt.data.matrices import value_of
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics import SyntheticSwitching
 from sapopt.running.outlook import Outlook, rollout
 from sapopt.solvers import CBBA, HAA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.distributed import Faults, Network, Simulator, play
 from sapopt.solvers.distributed.common import Scene
-from sapopt.solvers.distributed.haal_d import contributions, interval_problems
+from sapopt.solvers.distributed.haal_d import interval_problems
 
 problems = st.fixed_dictionaries(
     {
@@ -79,7 +80,7 @@ def test_intervals_against_the_twin(case: dict[str, Any], epsilon: float) -> Non
     assert len(exact) == length * (length + 1) // 2
     for interval, matrix in exact.items():
         best = best_assignment(matrix, outlook.parking).value
-        value = contributions(matrix, solved[interval]).sum()
+        value = value_of(matrix, solved[interval])
         assert best - problem.n * epsilon - 1e-9 <= value <= best + 1e-9
         if problem.n * epsilon < 1:
             assert value == pytest.approx(best)
@@ -143,7 +144,7 @@ def test_on_benefits_that_a_move_forfeits(labels: dict[str, list[int]], sparse: 
         def solve_intervals(self, outlook: Outlook, scene: Scene) -> tuple[Any, np.ndarray]:
             solved, agreed = super().solve_intervals(outlook, scene)
             for interval, matrix in interval_problems(outlook, self.lookahead).items():
-                found = contributions(matrix, solved[interval]).sum()
+                found = value_of(matrix, solved[interval])
                 assert found == pytest.approx(best_assignment(matrix, outlook.parking).value, abs=1e-5)
             return solved, agreed
 

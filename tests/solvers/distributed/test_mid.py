@@ -8,13 +8,14 @@ import pytest
 
 from sapopt import SAP
 from sapopt.data.assignment import best_assignment
+from sapopt.data.matrices import value_of
 from sapopt.data.windows import WindowSums
 from sapopt.domains.instances import scenario
 from sapopt.running.outlook import Outlook
 from sapopt.solvers import CBBA, HAAL, HAALD, DistributedDualLookahead
 from sapopt.solvers.distributed import play
 from sapopt.solvers.distributed.common import begin, open_step
-from sapopt.solvers.distributed.haal_d import contributions, interval_problems
+from sapopt.solvers.distributed.haal_d import interval_problems
 
 EPSILON = 0.01
 
@@ -49,7 +50,7 @@ def test_haald_against_the_twin() -> None:
     assert len(solved) == 21
     for interval, matrix in interval_problems(outlook, 6).items():
         best = best_assignment(matrix, outlook.parking).value
-        value = contributions(matrix, solved[interval]).sum()
+        value = value_of(matrix, solved[interval])
         assert len(set(solved[interval])) == problem.n
         assert best - problem.n * EPSILON <= value <= best + 1e-9
     # The thesis reports about 80 rounds a step at this size and L = 6.

@@ -1,0 +1,295 @@
+"""The properties of a dynamics that the thesis' promises rest on (definitions 3.2.1, 3.2.2 and 3.5.1, and |H|).
+
+For the plain switching rule they are known in closed form. For any other dynamics every state that the problem can
+reach is visited, if these are few, and the definitions are read off; otherwise the answer is "unknown".
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import maximum_bipartite_matching
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.base import Switching
+from sapopt.problem.sap import SAP
+
+Answer = Literal["yes", "no", "unknown"]
+Distance = Callable[[Any, Any], float]
+"""``distance(s, s')``: how far two states are apart, not negative, 0 for equal ones."""
+
+_ENUMERATED = (
+    20_000  # pairs of state and assignment that are tried to decide the conditions of a user's dynamics
+)
+_CLOSE = 1e-12  # relative to the handovers: below it they count as equal
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Properties of the dynamics that the theorem is about.
+
+    Attributes
+    ----------
+    vanishing : {"yes", "no", "unknown"}
+        Repeating the last assignment never costs (definition 3.5.1: eta >= 0 there; staying may pay).
+    strict_penalty : {"yes", "no", "unknown"}
+        Of two assignments, the one that moves the state as far or farther has the same or a smaller handover value
+        (definition 3.2.2).
+    domination : float
+        The least D such that an assignment leads from any two states to states at most D apart (definition 3.2.1,
+        "assignment-dominated"); NaN where unknown. 0: the state is a function of the last assignment.
+    fair_start : {"yes", "no", "unknown"}
+        Some assignment costs nothing at the first step, as after a step before it. The proof needs it; the thesis takes
+        it for granted.
+    all_allowed : {"yes", "no"}
+        No pair is forbidden. Otherwise an agent may be unable to stay, and the theorem says nothing.
+    """
+
+    vanishing: Answer
+    strict_penalty: Answer
+    domination: float
+    fair_start: Answer
+    all_allowed: Answer
+
+    @property
+    def broken(self) -> str:
+        """What keeps the theorem from applying, in words; empty if nothing does."""
+        reasons = []
+        if self.all_allowed != "yes":
+            reasons.append("some pairs are forbidden, so that an agent may be unable to stay")
+        for answer, what in (
+            (self.vanishing, "staying is free (the handover matrix vanishes)"),
+            (self.fair_start, "some assignment is free at the first step"),
+        ):
+            if answer != "yes":
+                reasons.append(f"{'it is not so' if answer == 'no' else 'it is not known'} that {what}")
+        return "; ".join(reasons)
+
+
+class HandoverRange(NamedTuple):
+    """The least and the greatest handover value of a whole assignment in any state; NaN where unknown."""
+
+    least: float
+    greatest: float
+
+    @property
+    def size(self) -> float:
+        """|H| of section 3.5."""
+        return self.greatest - self.least
+
+
+def conditions(problem: SAP, distance: Distance | None = None) -> Conditions:
+    """Decide the conditions of a problem.
+
+    Parameters
+    ----------
+    problem : SAP
+    distance : callable, optional
+        Distance of two states, see `Distance`; by default `hamming`, the number of agents in which they differ.
+    """
+    allowed: Answer = "no" if problem.benefits.forbids() else "yes"
+    rule = problem.model.switching()
+    if rule is not None and distance is None:
+        strict = _strict_switching(problem, rule)
+        if strict == "unknown":
+            strict = _enumerated(problem, hamming, allowed).strict_penalty
+        return Conditions("yes", strict, 0.0, "yes", allowed)
+    return _enumerated(problem, distance or hamming, allowed)
+
+
+def handover_range(problem: SAP) -> HandoverRange:
+    """Least and greatest H(s, x) over all states and assignments (section 3.5), on the safe side where they are bounds.
+
+    Exact for the plain switching rule. Otherwise n times what the dynamics declares as ``handover_floor`` and
+    ``handover_limit``.
+    """
+    rule = problem.model.switching()
+    if rule is not None:
+        return HandoverRange(-_dearest_moves(problem, rule), 0.0)
+    floor, limit = problem.model.handover_floor, problem.model.handover_limit
+    if floor is None or limit is None:
+        return HandoverRange(math.nan, math.nan)
+    return HandoverRange(problem.n * float(floor), problem.n * float(limit))
+
+
+def hamming(one: Any, other: Any) -> float:
+    """In how many agents two states differ: rows of arrays, entries of lists; else 1 if they differ at all."""
+    if one is None or other is None:
+        present = other if one is None else one
+        return 0.0 if present is None else _length(present)
+    parts, others = _parts(one), _parts(other)
+    if parts is None or others is None or len(parts) != len(others):
+        return float(one is not other and not _equal(one, other))
+    lengths = {len(part) for part in (*parts, *others) if np.ndim(part)}
+    if len(lengths) != 1:
+        return float(any(not _equal(a, b) for a, b in zip(parts, others, strict=True)))
+    differs = np.zeros(lengths.pop(), dtype=bool)
+    for a, b in zip(parts, others, strict=True):
+        if np.ndim(a) and np.ndim(b):
+            unequal = np.asarray(a) != np.asarray(b)
+            differs |= unequal.reshape(len(differs), -1).any(axis=1)
+        elif not _equal(a, b):
+            differs[:] = True
+    return float(differs.sum())
+
+
+def _parts(state: Any) -> list[Any] | None:
+    """A state as a list of arrays, one row an agent, and of single values."""
+    if isinstance(state, np.ndarray) and state.ndim:
+        return [state]
+    if dataclasses.is_dataclass(state):
+        return [getattr(state, item.name) for item in dataclasses.fields(state)]
+    if isinstance(state, tuple) and hasattr(state, "_fields"):
+        return list(state)
+    if isinstance(state, (tuple, list)):
+        array = np.empty(len(state), dtype=object)
+        array[:] = state
+        return [array]
+    return None
+
+
+def _length(state: Any) -> float:
+    parts = _parts(state)
+    lengths = [len(part) for part in parts or () if np.ndim(part)]
+    return float(max(lengths, default=1))
+
+
+def _equal(one: Any, other: Any) -> bool:
+    return bool(np.array_equal(one, other)) if np.ndim(one) or np.ndim(other) else bool(one == other)
+
+
+def _dearest_moves(problem: SAP, rule: Switching) -> float:
+    """The most that the moves of one step can cost, over all pairs of assignments before and after."""
+    n, m = problem.n, problem.m
+    first = 1 if problem.initial_assignment is None else 0
+    if m == 1 or first >= problem.T:
+        return 0.0
+    if not rule.idle_is_free:
+        return _dearest(_costs(rule, m), n)
+    # Only moves to pairs of positive benefit are charged: as many agents as can have one at once.
+    if rule.uniform_cost is not None:
+        movers = 0
+        for k in range(first, problem.T):
+            step = problem.benefits.step(k)
+            served = maximum_bipartite_matching(sp.csr_array(step > 0), perm_type="column")
+            movers = max(movers, int((served >= 0).sum()))
+        return movers * rule.uniform_cost
+    return _dearest(_costs(rule, m), n)
+
+
+def _costs(rule: Switching, m: int) -> FloatArray:
+    """Cost (m, m) of every move."""
+    if rule.uniform_cost is not None:
+        return rule.uniform_cost * (1.0 - np.eye(m))
+    return np.asarray(rule.cost)
+
+
+def _dearest(cost: FloatArray, n: int) -> float:
+    """The dearest n moves from different tasks to different tasks."""
+    m = len(cost)
+    if np.ptp(cost[~np.eye(m, dtype=bool)]) == 0:
+        return n * float(cost.max())
+    # m - n tasks are left by nobody and m - n are taken by nobody: dummy rows and columns.
+    size = 2 * m - n
+    wide = np.zeros((size, size))
+    wide[:m, :m] = cost
+    wide[m:, m:] = -np.inf
+    rows, columns = linear_sum_assignment(wide, maximize=True)
+    return math.fsum(wide[rows, columns].tolist())
+
+
+def _strict_switching(problem: SAP, rule: Switching) -> Answer:
+    """Definition 3.2.2 for the plain switching rule and the Hamming distance: equally many moves must cost the same."""
+    n, m = problem.n, problem.m
+    cost = _costs(rule, m)
+    moves = cost[~np.eye(m, dtype=bool)].reshape(m, max(m - 1, 0))
+    if m == 1 or not moves.any():
+        return "yes"
+    # If idling is free, a move to a task that is worth nothing costs less than another, though both move one agent.
+    if rule.idle_is_free and not all(_all_positive(problem, k) for k in range(problem.T)):
+        return "unknown"
+    if np.ptp(moves) == 0 or (n == 1 and (np.ptp(moves, axis=1) == 0).all()):
+        return "yes"
+    # Two moves of one agent each and of unequal cost, from one assignment that leaves both targets free.
+    room = m >= n + 2 if (np.ptp(moves, axis=1) > 0).any() else m >= n + 1
+    return "no" if room else "unknown"
+
+
+def _all_positive(problem: SAP, k: int) -> bool:
+    step = problem.benefits.step(k)
+    if isinstance(step, np.ndarray):
+        return bool((step > 0).all())
+    return step.nnz == problem.n * problem.m and bool((step.data > 0).all())
+
+
+def _enumerated(problem: SAP, distance: Distance, allowed: Answer) -> Conditions:
+    """Read the definitions off every state that the problem can reach, if they are few."""
+    fair = _fair_start(problem)
+    unknown = Conditions("unknown", "unknown", math.nan, fair, allowed)
+    if math.perm(problem.m, problem.n) > _ENUMERATED:
+        return unknown
+    assignments = [np.array(x) for x in itertools.permutations(range(problem.m), problem.n)]
+    key = problem.model.key
+    states = {key(problem.initial_state()): problem.initial_state()}
+    vanishing = strict = True
+    domination = 0.0
+    tried = 0
+    for k in range(problem.T):
+        following: dict[Any, Any] = {}
+        reached: list[list[Any]] = [[] for _ in assignments]
+        for state in states.values():
+            tried += len(assignments)
+            if tried > _ENUMERATED:
+                return unknown
+            eta = problem.handover(k, state)
+            worth, moved = [], []
+            for place, tasks in enumerate(assignments):
+                after = problem.transition(k, state, tasks)
+                reached[place].append(after)
+                following[key(after)] = after
+                worth.append(_total(eta, tasks))
+                moved.append(float(distance(after, state)))
+                if k + 1 < problem.T:
+                    kept = problem.handover(k + 1, after)[np.arange(problem.n), tasks]
+                    vanishing &= bool((kept >= 0).all())
+            strict &= _falls(np.array(moved), np.array(worth))
+        for states_after in reached:
+            tried += len(states_after) ** 2
+            if tried > _ENUMERATED:
+                return unknown
+            for a, b in itertools.combinations(states_after, 2):
+                domination = max(domination, float(distance(a, b)))
+        states = following
+    return Conditions(_answer(vanishing), _answer(strict), domination, fair, allowed)
+
+
+def _fair_start(problem: SAP) -> Answer:
+    """Whether some assignment has no negative handover at the first step."""
+    eta = problem.handover(0, problem.initial_state())
+    rows, columns = linear_sum_assignment(np.where(eta >= 0, 0.0, 1.0))
+    return _answer(bool((eta[rows, columns] >= 0).all()))
+
+
+def _total(eta: FloatArray, tasks: IntArray) -> float:
+    return math.fsum(eta[np.arange(len(tasks)), tasks].tolist())
+
+
+def _falls(moved: FloatArray, worth: FloatArray) -> bool:
+    """Whether who moves the state as far or farther is worth the same or less."""
+    slack = _CLOSE * max(1.0, float(np.abs(worth[np.isfinite(worth)]).max(initial=0.0)))
+    for distance in np.unique(moved):
+        if worth[moved >= distance].max() > worth[moved <= distance].min() + slack:
+            return False
+    return True
+
+
+def _answer(truth: bool) -> Answer:
+    return "yes" if truth else "no"
