@@ -104,7 +104,7 @@ def test_gives_up(
     for at in (2, 3, 5, 8, 13, 21, 34, 55, 89, 144):
         clock = Looks(at, ending)
         with monkeypatch.context() as patched:
-            patched.setattr("sapopt.running.control.time.perf_counter", clock)
+            patched.setattr("sapopt.kernels.clock.time.perf_counter", clock)
             result = solve(problem, solver, time_limit=LIMIT)
         if clock.after == 0 and clock.before < at:  # the solver was done before
             break
@@ -121,7 +121,7 @@ def test_looks_at_the_clock_within_a_step(problem: SAP, solver: Any, monkeypatch
     one = fitting(SAP(problem.benefits.slice(0, 4), problem.dynamics), solver)
     solve(one, solver, time_limit=LIMIT)
     clock = Looks(10**9, time_is_up)
-    monkeypatch.setattr("sapopt.running.control.time.perf_counter", clock)
+    monkeypatch.setattr("sapopt.kernels.clock.time.perf_counter", clock)
     solve(one, solver, time_limit=LIMIT)
     quick = isinstance(solver, NoHandover | Greedy | MyopicGreedy | HAA)
     assert quick or clock.before > 5 * one.T
@@ -176,7 +176,7 @@ def test_bound_gives_up(problem: SAP, monkeypatch: pytest.MonkeyPatch) -> None:
         for at in (2, 5, 8):
             with monkeypatch.context() as patched:
                 clock = Looks(at, time_is_up)
-                patched.setattr("sapopt.running.control.time.perf_counter", clock)
+                patched.setattr("sapopt.kernels.clock.time.perf_counter", clock)
                 cut = bound(case, time_limit=LIMIT).value
             assert clock.after <= 30
             assert cut >= full - 1e-9 >= best - 2e-9
