@@ -1,9 +1,16 @@
 """The ``sapopt`` program."""
 
-from sapopt.cli import proving, reporting, solving, sweeping, training  # they add their commands to the app
+from sapopt.cli import (  # they add their commands to the app
+    proving,
+    reporting,
+    solving,
+    sweeping,
+    training,
+    warming,
+)
 from sapopt.cli.app import app
 
-__all__ = ["app", "main", "proving", "reporting", "solving", "sweeping", "training"]
+__all__ = ["app", "main", "proving", "reporting", "solving", "sweeping", "training", "warming"]
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -12,6 +13,9 @@ import pytest
 from sapopt import solve
 from sapopt.domains.instances import instance
 from sapopt.solvers import HAA
+from sapopt.solvers.names import METHODS
+
+COMMAND = "from sapopt.cli import main; main()"
 
 
 def run(cache: Path, *command: str) -> subprocess.CompletedProcess[str]:
@@ -42,6 +46,15 @@ def test_compiling_does_not_eat_a_time_limit(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_command_line_tells_of_compiling(tmp_path: Path) -> None:
     """One line on standard error says that kernels are compiled, and the limit is left for the bound."""
-    ran = run(tmp_path, "-m", "sapopt", "bound", "constellation-toy", "--time-limit", "5", "--json")
+    ran = run(tmp_path, "-c", COMMAND, "bound", "constellation-toy", "--time-limit", "5", "--json")
     assert ran.stderr.count("compiling kernels") == 1
     assert '"bound"' in ran.stdout
+
+
+@pytest.mark.slow
+def test_warm_compiles_ahead(tmp_path: Path) -> None:
+    """After `sapopt warm` a bound compiles nothing any more, and `warm` itself is silent on stdout but for its JSON."""
+    told = json.loads(run(tmp_path, "-c", COMMAND, "warm", "--jobs", "2", "--json").stdout)
+    assert set(told["compile_seconds"]) == {"bound", *(method.name for method in METHODS)}
+    ran = run(tmp_path, "-c", COMMAND, "compare", "constellation-toy", "--time-limit", "2")
+    assert "in the cache" not in ran.stderr
