@@ -52,6 +52,9 @@ class Outlook:
     check : callable
         Raises `sapopt.running.control.Expired` when the run is over. A policy whose step takes long calls it now and
         then and lets the exception pass; the step then counts as not decided.
+    allowance : float
+        Seconds that this step may take if the steps left share the time left evenly; infinite without a time limit. A
+        policy that gets better the longer it thinks keeps to a multiple of it rather than be cut off.
     """
 
     k: int
@@ -61,6 +64,7 @@ class Outlook:
     windows: WindowSums
     parking: IntArray
     check: Callable[[], None] = _never
+    allowance: float = np.inf
 
     @property
     def model(self) -> Model:
@@ -185,7 +189,8 @@ def rollout(
             else:
                 windows.forget(before=k)
             began = run.seconds
-            outlook = Outlook(k, windows.end, state, problem, windows, parking, run.check)
+            allowance = run.seconds_left / (problem.T - k)
+            outlook = Outlook(k, windows.end, state, problem, windows, parking, run.check, allowance)
             tasks, memory = policy.act(outlook, memory)
             plan[k] = problem.check_assignment(tasks, k)
             gain = _step_value(problem, k, state, plan[k])

@@ -25,9 +25,14 @@ from sapopt.dynamics.paths.oracles import (
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.formulations.dual.subgradient import Subgradient
+from sapopt.kernels import clock
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import check_lookahead
+
+_SHARES, _FIRST_SHARES = 0.8, 4.0
+"""Time for the prices of a step, in even shares of the time left; assignments take the rest. The first step, which has
+no prices to begin with, may take more. A step that is cut short is played with the prices it has."""
 
 
 def values_first_tasks(oracle: PathOracle) -> bool:
@@ -63,7 +68,7 @@ class DualLookahead:
     Notes
     -----
     Needs an agent-local dynamics: one with a `path_oracle` that values first tasks (every `SwitchingCost`).
-    Nothing is random.
+    Nothing is random. Under a time limit a step takes its share of the time and plays the prices that it has by then.
     """
 
     window: int
@@ -113,12 +118,20 @@ class DualLookahead:
         if memory is not None:
             known = min(T, len(memory) - 1)
             prices[:known] = memory[1 : known + 1]
-        prices = self._priced(oracle, prices, memory is None, outlook.check)
+        shares = _FIRST_SHARES if memory is None else _SHARES
+        until = clock.now() + shares * outlook.allowance
+        prices = self._priced(oracle, prices, memory is None, outlook.check, until)
         return assign_first(outlook, oracle, prices), prices
 
     def _priced(
-        self, oracle: PathOracle, prices: FloatArray, first: bool, check: Callable[[], None]
+        self,
+        oracle: PathOracle,
+        prices: FloatArray,
+        first: bool,
+        check: Callable[[], None],
+        until: float,
     ) -> FloatArray:
+        """Prices after all iterations, or after those that were made when the clock showed `until`."""
         iterations = 4 * self.iterations if first else self.iterations
         if isinstance(oracle, SoftPathOracle):
             descent = SmoothDescent(iterations, hot=0.5 if first else 0.1, cold=0.02, rate=0.2)
@@ -126,6 +139,8 @@ class DualLookahead:
             cheaper = None
             for iteration in range(iterations):
                 check()
+                if clock.now() >= until:
+                    break
                 if iteration % 10 == 0:
                     cheaper, state = descent.cheaper(oracle, state)
                 state = descent.step(oracle, state, cheaper)
@@ -134,5 +149,7 @@ class DualLookahead:
         walk = method.begin(prices, 1.0)
         for _ in range(iterations):
             check()
+            if clock.now() >= until:
+                break
             walk, _ = method.step(oracle, walk)
         return walk.best

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sapopt import SAP, SwitchingCost, solve
+from sapopt import SAP, Status, SwitchingCost, solve
 from sapopt.solvers import HAA, HAAL, DualLookahead
 
 
@@ -96,3 +96,22 @@ def test_what_it_needs_is_said() -> None:
 
     with pytest.raises(ValueError, match="agent-local"):
         solve(SAP(np.ones((2, 2, 2)), Opaque()), DualLookahead(2))
+
+
+def test_a_short_limit_is_shared_by_all_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a clock that ticks at every look, a limit too short for all iterations ends none of the steps."""
+    problem = moving_field(2)
+    full = solve(problem, DualLookahead(6))
+    time = [0.0]
+
+    def tick() -> float:
+        time[0] += 1e-3
+        return time[0]
+
+    monkeypatch.setattr("sapopt.kernels.clock.time.perf_counter", tick)
+    solve(problem, DualLookahead(6), time_limit=1e6)
+    limit = time[0] / 4
+    result = solve(problem, DualLookahead(6), time_limit=limit)
+    assert result.status is Status.FEASIBLE
+    assert result.value >= solve(problem, HAA()).value
+    assert result.value <= full.value * 1.05
