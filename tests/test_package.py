@@ -14,6 +14,7 @@ import pytest
 import sapopt
 from sapopt import SAP, SwitchingCost, certify, solve
 from sapopt.dynamics import Battery, SlewCost, SyntheticSwitching
+from sapopt.dynamics.registry import BUILT_IN
 from sapopt.solvers import HAA
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -126,6 +127,40 @@ def test_families_of_dynamics_keep_apart(path: Path) -> None:
     used = {name.split(".")[2] for name in imports(path) if name.startswith("sapopt.dynamics.")}
     families = {folder.name for folder in (PACKAGE / "dynamics").iterdir() if folder.is_dir()}
     assert used & families <= {parts[1]} | BUILT_ON.get(parts[1], {"paths"})
+
+
+PROBING = {"dynamics/capabilities.py", "kernels/compiling.py"}
+"""Files that may ask an object by name: a user's dynamics, and the modules that a kernel calls into."""
+DYNAMICS = {*BUILT_IN, "AgentLocal"}
+
+
+def probes(path: Path) -> Iterator[str]:
+    """Questions to an object of unknown kind by the name of an attribute, and to a dynamics by its class."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name):
+            continue
+        asked = ast.unparse(node)
+        of_class = {
+            name.id for part in node.args[1:] for name in ast.walk(part) if isinstance(name, ast.Name)
+        }
+        names_it = "__name__" in asked  # what to call a function in a message
+        if node.func.id == "hasattr" or (node.func.id == "getattr" and len(node.args) > 2 and not names_it):
+            yield f"line {node.lineno}: {asked}"
+        if node.func.id in ("isinstance", "issubclass") and of_class & DYNAMICS:
+            yield f"line {node.lineno}: {asked}"
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if (
+            isinstance(node, ast.Compare)
+            and {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} & DYNAMICS
+        ):
+            yield f"line {node.lineno}: {ast.unparse(node)}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_object_is_asked_by_name(path: Path) -> None:
+    """What an object can do is typed; one module looks at a user's object by name, and no other one does."""
+    if path.relative_to(PACKAGE).as_posix() not in PROBING:
+        assert list(probes(path)) == []
 
 
 def test_the_verifier_names_no_kernels() -> None:

@@ -6,7 +6,7 @@ import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import typer
 from typer.core import TyperGroup
@@ -55,9 +55,17 @@ class _OneLineErrors(TyperGroup):
         return code
 
 
+@runtime_checkable
+class _UsageError(Protocol):
+    """An error of the argument parser."""
+
+    def format_message(self) -> str:
+        """What is wrong."""
+
+
 def _message(error: Exception) -> str | None:
     """One line for an error that the user can mend, None for one that is ours."""
-    if hasattr(error, "format_message"):  # a usage error of the argument parser
+    if isinstance(error, _UsageError):
         text = str(error.format_message())
     elif isinstance(error, ValueError | OSError | ImportError):  # an import fails where an extra is missing
         text = str(error)

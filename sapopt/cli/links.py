@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from sapopt.cli.progress import Reporter
+from sapopt.domains.scenario import Moving, Scenario
+from sapopt.solvers.base import Talking
 from sapopt.solvers.names import NamedSolver
 
 DEFAULT_RANGE_KM = 2500.0
@@ -13,7 +14,7 @@ DEFAULT_RANGE_KM = 2500.0
 
 def talks(named: NamedSolver) -> bool:
     """Whether a solver sends packets through a graph."""
-    return hasattr(named.solver, "graph")
+    return isinstance(named.solver, Talking)
 
 
 def check_range(range_km: float | None, solvers: list[NamedSolver]) -> None:
@@ -27,7 +28,7 @@ def check_range(range_km: float | None, solvers: list[NamedSolver]) -> None:
 
 
 def connect(
-    solvers: list[NamedSolver], scenario: Any, range_km: float | None, reporter: Reporter
+    solvers: list[NamedSolver], scenario: Scenario | None, range_km: float | None, reporter: Reporter
 ) -> list[NamedSolver]:
     """Give the distributed solvers the links of a constellation; elsewhere everyone hears everyone.
 
@@ -46,8 +47,7 @@ def connect(
     """
     if not any(talks(named) for named in solvers):
         return solvers
-    positions = getattr(scenario, "positions_km", None)
-    if positions is None:
+    if not isinstance(scenario, Moving):
         if range_km is not None:
             raise ValueError("--range-km is for constellations; without it everyone hears everyone")
         return solvers
@@ -58,6 +58,7 @@ def connect(
     from sapopt.solvers.distributed import Network
 
     networks = []
+    positions = scenario.positions_km
     with reporter.phase(f"linking satellites closer than {reach:g} km", total=len(positions)) as phase:
         for k, now in enumerate(positions):
             network = Network.from_pairs(linked_pairs(now, reach), len(now))
@@ -69,17 +70,21 @@ def connect(
                 )
             networks.append(network)
             phase.update(k + 1)
-    return [
-        NamedSolver(named.name, replace(named.solver, graph=networks)) if talks(named) else named
-        for named in solvers
-    ]
+    return [_linked(named, networks) for named in solvers]
 
 
 def shortened(solvers: list[NamedSolver], steps: int) -> list[NamedSolver]:
     """The same solvers for the first steps of the problem."""
-    return [
-        NamedSolver(named.name, replace(named.solver, graph=named.solver.graph[:steps]))
-        if talks(named) and named.solver.graph is not None
-        else named
-        for named in solvers
-    ]
+    return [_linked(named, None, steps) for named in solvers]
+
+
+def _linked(named: NamedSolver, networks: Any, steps: int | None = None) -> NamedSolver:
+    """A solver with these links, or with the first `steps` of its own."""
+    solver = named.solver
+    if not isinstance(solver, Talking):
+        return named
+    if steps is not None:
+        if solver.graph is None:
+            return named
+        networks = solver.graph[:steps]
+    return NamedSolver(named.name, solver.with_graph(networks))

@@ -13,7 +13,8 @@ from sapopt import warming
 from sapopt.cli.links import shortened
 from sapopt.cli.progress import Phase, Reporter
 from sapopt.data.types import FloatArray
-from sapopt.domains.instances import Scenario, find_instance, instances, scenario
+from sapopt.domains.instances import find_instance, instances, scenario
+from sapopt.domains.scenario import Scenario
 from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound

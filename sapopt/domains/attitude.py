@@ -9,10 +9,12 @@ import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation import Constellation, GroundTasks
+from sapopt.domains.scenario import refuse_idle_rule
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from sapopt.plotting.aboard import Aboard
     from sapopt.problem.sap import SAP
 
 
@@ -35,18 +37,29 @@ class Attitude:
         tasks: GroundTasks = self.constellation.tasks
         return EARTH_RADIUS_KM * unit_vectors(tasks.latitude_deg, tasks.longitude_deg)
 
-    def problem(self, cost: Any = 0.5, *, initial_assignment: Any = None) -> SAP:
+    def on_earth(self) -> Aboard:
+        """Every agent is a satellite of the constellation."""
+        from sapopt.plotting.aboard import every_satellite
+
+        return every_satellite(self.constellation)
+
+    def problem(
+        self, cost: Any = 0.5, *, idle_is_free: bool | None = None, initial_assignment: Any = None
+    ) -> SAP:
         """The sequential assignment problem, with n idle tasks appended.
 
         Parameters
         ----------
         cost : float
             Cost of a slew through one radian.
+        idle_is_free : bool, optional
+            Refused: a satellite always turns to nadir for free.
         initial_assignment : array_like of int, shape (n,), optional
             Tasks pointed at before the first step; without it the first step pays nothing.
         """
         from sapopt.dynamics import SlewCost
 
+        refuse_idle_rule(idle_is_free, "a satellite that idles turns to nadir for free")
         dynamics = SlewCost(cost, self.constellation.positions_km, self.targets_km)
         wide = self.constellation.with_idle_tasks()
         return wide.problem(dynamics=dynamics, initial_assignment=initial_assignment)

@@ -6,19 +6,12 @@ import difflib
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
+
+from sapopt.domains.scenario import Scenario
 
 if TYPE_CHECKING:
     from sapopt.problem.sap import SAP
-
-
-class Scenario(Protocol):
-    """What a domain builds: data of its own, and the problem made of it."""
-
-    @property
-    def problem(self) -> Callable[..., SAP]:
-        """``problem(cost=...)``: the sequential assignment problem; `cost` is the cost of a handover."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from sapopt.domains.constellation.earth import EARTH_RADIUS_KM, unit_vectors
 
 if TYPE_CHECKING:
     from sapopt.domains.constellation import Constellation
+    from sapopt.plotting.aboard import Aboard
     from sapopt.problem.sap import SAP
 
 
@@ -50,6 +51,12 @@ class DisturbedBeams:
         distance_km = 2.0 * np.arcsin(np.minimum(apart / 2.0, 1.0)) * EARTH_RADIUS_KM
         loss = self.strength * np.maximum(1.0 - distance_km / self.reach_km, 0.0)
         return useful[pairs], loss
+
+    def on_earth(self) -> Aboard:
+        """Every agent is a satellite of the constellation."""
+        from sapopt.plotting.aboard import every_satellite
+
+        return every_satellite(self.constellation)
 
     def problem(self, cost: Any = 0.5, *, idle_is_free: bool = False) -> SAP:
         """The sequential assignment problem with the losses of neighbours."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sapopt.domains.constellation import Constellation
     from sapopt.formulations.synthetic import SyntheticAgents
+    from sapopt.plotting.aboard import Aboard
     from sapopt.problem.sap import SAP
 
 
@@ -53,6 +54,12 @@ class MultiBeam:
         short = max(0, self.constellation.n - self.constellation.m)
         base = self.constellation.with_idle_tasks(short).problem(cost, idle_is_free=idle_is_free)
         return synthetic_agents(base, self.beams, self.decay)
+
+    def on_earth(self) -> Aboard:
+        """Every agent is a beam of one of the satellites."""
+        from sapopt.plotting.aboard import Aboard
+
+        return Aboard(self.constellation, self.synthetic().agent_of, None)
 
     def problem(self, cost: Any = 0.5, *, idle_is_free: bool = False) -> SAP:
         """The sequential assignment problem of the beams."""

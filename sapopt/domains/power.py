@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import networkx as nx
 
     from sapopt.data.benefits import Benefits
+    from sapopt.plotting.aboard import Aboard
     from sapopt.problem.sap import SAP
 
 PRIORITIES = (1.0, 1.0, 1.0, 5.0)
@@ -61,6 +62,12 @@ class PowerConstellation:
     def graphs(self, range_km: float = 2500.0, steps: Sequence[int] | None = None) -> list[nx.Graph]:
         """Communication graphs, see `Constellation.graphs`."""
         return self.constellation.graphs(range_km, steps)
+
+    def on_earth(self) -> Aboard:
+        """Every agent is a satellite of the constellation."""
+        from sapopt.plotting.aboard import every_satellite
+
+        return every_satellite(self.constellation)
 
     def problem(self, cost: Any = 0.5, *, dynamics: Any = None, **options: Any) -> SAP:
         """The sequential assignment problem.

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.domains.scenario import refuse_idle_rule
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,19 +103,22 @@ class PowerSystem:
         gain = self.step_h * (self.price_per_mwh * size - cost)
         return np.where((size > 0) & (size <= self.most_mw[:, None]), gain, 0.0)
 
-    def problem(self, cost: Any = 1.0) -> SAP:
+    def problem(self, cost: Any = 1.0, *, idle_is_free: bool | None = None) -> SAP:
         """The sequential assignment problem: B blocks, then a place to spin and a place to be off for every unit.
 
         Parameters
         ----------
         cost : float
             Factor on the start-up costs.
+        idle_is_free : bool, optional
+            Refused: what a unit pays is its start and the power it makes.
         """
         import scipy.sparse as sp
 
         from sapopt.dynamics import UnitCommitment
         from sapopt.problem.sap import SAP
 
+        refuse_idle_rule(idle_is_free, "a unit pays for its start and for the power it makes")
         if np.ndim(cost) or not (np.isfinite(cost) and cost >= 0):
             raise ValueError(f"cost is a factor on the start-up costs, one finite number, got {cost!r}")
         n, B = len(self.least_mw), len(self.block_mw)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sapopt.data.benefits import Benefits
 from sapopt.data.types import IntArray
+from sapopt.dynamics.base import Model
 from sapopt.solvers.base import check_lookahead
 
 
@@ -38,12 +39,17 @@ class GlobalSpec:
         return self.states + self.agents + self.horizon
 
     @property
+    def steps(self) -> int:
+        """Only the present step is looked at."""
+        return 1
+
+    @property
     def actions(self) -> int:
         """The tasks, and idling, which is never open: every task is listed."""
         return self.tasks + 1
 
     def look(
-        self, benefits: Benefits, k: int, model: Any, state: Any, step: int
+        self, benefits: Benefits, k: int, model: Model, state: Any, step: int
     ) -> tuple[NDArray[np.float32], IntArray]:
         """Observations of all agents, see `sapopt.learning.observation.Spec`."""
         n, m = benefits.shape[1:]

@@ -185,6 +185,10 @@ class Spec(Protocol):
         """M, the most tasks that an agent can choose from."""
 
     @property
+    def steps(self) -> int:
+        """L, the steps that are looked at, the present one among them."""
+
+    @property
     def actions(self) -> int:
         """M + 1: those tasks, and any other."""
 
@@ -217,6 +221,15 @@ def charge_of(model: Model, state: Any) -> FloatArray | None:
     return None if charge is None else np.asarray(charge / model.capacity)
 
 
+@runtime_checkable
+class Holding(Protocol):
+    """A state that shows the previous assignment."""
+
+    @property
+    def held(self) -> IntArray | None:
+        """Tasks (n,); None before a first free step."""
+
+
 def held_by(state: Any) -> IntArray | None:
     """Previous assignment (n,) in a state of one of the library's dynamics; None before a first free step.
 
@@ -227,13 +240,12 @@ def held_by(state: Any) -> IntArray | None:
     """
     if state is None or isinstance(state, np.ndarray):
         return state
-    if not hasattr(state, "held"):
+    if not isinstance(state, Holding):
         raise ValueError(
             f"dynamics: a state of type {type(state).__name__} shows no previous assignment; learned policies need "
             "an array of tasks, or an attribute `held`"
         )
-    held: IntArray | None = state.held
-    return held
+    return state.held
 
 
 def observe(

@@ -77,6 +77,6 @@ class REDA:
             If the network's observation does not fit the problem.
         """
         spec, problem = self.network.spec, outlook.problem
-        known = outlook.benefits(getattr(spec, "steps", 1))
+        known = outlook.benefits(spec.steps)
         observations, listed = spec.look(known, 0, problem.model, outlook.state, outlook.k)
         return gain_matrix(self.network.values(observations), listed, problem.m)

@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from sapopt.data.types import IntArray
+from sapopt.data.types import FloatArray, IntArray
+
+
+@runtime_checkable
+class OnEarth(Protocol):
+    """Satellites above places on the ground, such as a `Constellation`."""
+
+    @property
+    def positions_km(self) -> FloatArray:
+        """Earth-fixed positions (T, n, 3) of the satellites."""
+
+    @property
+    def tasks(self) -> Any:
+        """The tasks' places, such as `GroundTasks`."""
+
+    @property
+    def field_of_view(self) -> Any:
+        """What a satellite sees, such as `FieldOfView`."""
+
+    @property
+    def step_s(self) -> float:
+        """Seconds from one step to the next."""
 
 
 class Aboard(NamedTuple):
@@ -14,8 +35,8 @@ class Aboard(NamedTuple):
 
     Attributes
     ----------
-    base : object
-        The scenario itself, or the constellation that it wraps (``constellation`` or ``satellites``).
+    base : OnEarth
+        The scenario itself, or the constellation that it wraps.
     carrier : ndarray of int64, shape (n,)
         Satellite of every agent of the scenario's problem: several beams may ride on one.
     place : ndarray of int64, shape (m,), or None
@@ -23,17 +44,26 @@ class Aboard(NamedTuple):
         beyond the tasks of `base` are idle tasks, which lie nowhere.
     """
 
-    base: Any
+    base: OnEarth
     carrier: IntArray
     place: IntArray | None
 
 
+@runtime_checkable
+class Carried(Protocol):
+    """A scenario whose agents are satellites of a constellation, or ride on them."""
+
+    def on_earth(self) -> Aboard:
+        """Which satellites, and which places."""
+
+
 def aboard(scenario: Any) -> Aboard | None:
     """Satellites and places behind a scenario, None if it has none."""
-    base = getattr(scenario, "constellation", getattr(scenario, "satellites", scenario))
-    positions, tasks = getattr(base, "positions_km", None), getattr(base, "tasks", None)
-    if positions is None or tasks is None or not hasattr(tasks, "latitude_deg"):
-        return None
-    copied = scenario.synthetic() if hasattr(scenario, "synthetic") else None
-    carrier = getattr(copied, "agent_of", np.arange(positions.shape[1]))
-    return Aboard(base, carrier, getattr(copied, "task_of", None))
+    if isinstance(scenario, Carried):
+        return scenario.on_earth()
+    return every_satellite(scenario) if isinstance(scenario, OnEarth) else None
+
+
+def every_satellite(base: OnEarth) -> Aboard:
+    """Each agent is a satellite, and each task lies at its own place."""
+    return Aboard(base, np.arange(base.positions_km.shape[1]), None)

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 
+from sapopt.problem.result import Result
+
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BAR, BEST, BOUND, MUTED, IDLE, GRID = "#9DB8CF", "#0072B2", "#D55E00", "#666666", "#E4E4E4", "#EEEEEE"
 BLUES = LinearSegmentedColormap.from_list("held", ["#D6E6F2", "#0072B2", "#06304D"])
@@ -37,4 +39,4 @@ def few_ticks(rows: np.ndarray, labels: Any = None) -> tuple[np.ndarray, list[st
 
 def name_of(result: Any) -> str:
     """What to call a result."""
-    return str(getattr(result, "solver", "plan"))
+    return result.solver if isinstance(result, Result) else "plan"

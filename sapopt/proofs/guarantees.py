@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,6 +25,15 @@ import scipy.sparse as sp
 from sapopt.data.benefits import dense_step
 from sapopt.problem.sap import SAP
 from sapopt.proofs.conditions import Conditions, conditions, handover_range
+
+
+@runtime_checkable
+class Guaranteed(Protocol):
+    """A solver that says whether the theorem is about it, with the options that it has."""
+
+    @property
+    def keeps_guarantee(self) -> bool:
+        """Whether its plans are worth at least what a `Guarantee` promises."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +98,11 @@ class Guarantee:
         )
 
     def covers(self, solver: Any) -> bool:
-        """Whether the ratios are promised for a solver: HAA, HAAL with lookahead at most 2 or ``keep_plan=True``."""
-        kind = type(solver).__name__
-        if self.conditions.broken:
-            return False
-        return kind == "HAA" or (
-            kind == "HAAL" and (solver.lookahead <= 2 or getattr(solver, "keep_plan", False))
-        )
+        """Whether the ratios are promised for a solver: HAA, HAAL with lookahead at most 2 or ``keep_plan=True``.
+
+        A solver says so itself (`Guaranteed`).
+        """
+        return not self.conditions.broken and isinstance(solver, Guaranteed) and solver.keeps_guarantee
 
 
 def guarantee(problem: SAP) -> Guarantee:

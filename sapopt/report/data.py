@@ -109,14 +109,13 @@ def _map(problem: SAP, scenario: Any) -> dict[str, Any] | None:
     known = np.zeros((3, int(place.max()) + 1))
     known[:, : tasks.m] = tasks.longitude_deg, tasks.latitude_deg, tasks.priority
     longitude, latitude, priority = known[:, place]
-    view = getattr(base, "field_of_view", None)
     land = coastline_data()
     return {
         "tracks": _base64(np.round(ground * 180.0).astype(np.int16)),  # units of 1/180 degree: 20 s of arc
         "places": _base64(np.round(np.stack([longitude, latitude], axis=-1) * 180.0).astype(np.int16)),
         "priority": _rounded(priority),
-        "footprint": None if view is None else float(np.degrees(view.footprint_rad(radius).mean())),
-        "step_s": getattr(base, "step_s", None),
+        "footprint": float(np.degrees(base.field_of_view.footprint_rad(radius).mean())),
+        "step_s": base.step_s,
         "land": {"unit": land["unit_deg"], "rings": land["rings"], "source": land["source"]},
     }
 

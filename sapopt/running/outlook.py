@@ -124,8 +124,7 @@ class Outlook:
 class Policy(Protocol):
     """Decides step by step. A policy is immutable; what it remembers between steps is its explicit memory.
 
-    A policy may have a method ``record(memory) -> dict``: what it says of every step goes into the trace, with equal
-    keys throughout.
+    See `Recording` for a policy that tells the trace more.
     """
 
     @property
@@ -137,6 +136,14 @@ class Policy(Protocol):
 
     def act(self, outlook: Outlook, memory: Any) -> tuple[IntArray, Any]:
         """Assignment of the current step and the next memory."""
+
+
+@runtime_checkable
+class Recording(Policy, Protocol):
+    """A policy that says something of every step."""
+
+    def record(self, memory: Any) -> dict[str, Any]:
+        """What goes into the trace, with equal keys throughout."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +183,6 @@ def rollout(
     plan = np.empty((problem.T, problem.n), dtype=np.int64)
     trace: list[dict[str, Any]] = []
     total = 0.0
-    record: Callable[[Any], dict[str, Any]] = getattr(policy, "record", lambda _: {})
     status = Status.FEASIBLE
     done = 0  # steps that are decided, with `state` the state after them, wherever an interruption strikes
     try:
@@ -197,7 +203,8 @@ def rollout(
             total += gain
             done, state = k + 1, problem.transition(k, state, plan[k])
             seconds = run.seconds - began
-            trace.append({"step": k, "value": gain, "total": total, "seconds": seconds, **record(memory)})
+            said = policy.record(memory) if isinstance(policy, Recording) else {}
+            trace.append({"step": k, "value": gain, "total": total, "seconds": seconds, **said})
             run.report(k + 1, problem.T, total)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED

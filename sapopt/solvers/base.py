@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numbers
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.result import Status
@@ -49,6 +49,18 @@ class Planner(Protocol):
 
 
 Solver = Policy | Planner
+
+
+@runtime_checkable
+class Talking(Policy, Protocol):
+    """A distributed policy: its agents exchange packets through a graph."""
+
+    @property
+    def graph(self) -> Any:
+        """One graph, a list of one for each step, or None: everyone hears everyone."""
+
+    def with_graph(self, graph: Any) -> Self:
+        """The same policy with other links."""
 
 
 def check_lookahead(lookahead: int, name: str = "lookahead") -> None:

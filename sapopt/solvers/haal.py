@@ -117,6 +117,11 @@ class HAAL:
         suffix += ", exact intervals" if self.exact_intervals else ""
         return f"HAAL{'+' if self.keep_plan else ''}(L={self.lookahead}{suffix})"
 
+    @property
+    def keeps_guarantee(self) -> bool:
+        """Whether the c / (1 + c) theorem holds for it (docs/theorem.md); a subclass may decide otherwise."""
+        return type(self) is HAAL and (self.lookahead <= 2 or self.keep_plan)
+
     def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
         """Empty memory."""
         return HAALMemory()
@@ -284,6 +289,11 @@ class HAA:
     def name(self) -> str:
         """Name with options."""
         return "HAA" if self.parking == "lowest" else "HAA(parking=lookahead)"
+
+    @property
+    def keeps_guarantee(self) -> bool:
+        """Whether the c / (1 + c) theorem holds for it: yes, but for a subclass, which may decide otherwise."""
+        return type(self) is HAA
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
         """Empty memory."""

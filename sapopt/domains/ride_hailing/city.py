@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.domains.scenario import refuse_idle_rule
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ class City:
         """Fare less the cost of the ride itself, shape (R,); the way to the pick-up comes on top."""
         return self.fare - cost * self.travel[self.pick_up, self.drop_off]
 
-    def problem(self, cost: Any = 0.5) -> SAP:
+    def problem(self, cost: Any = 0.5, *, idle_is_free: bool | None = None) -> SAP:
         """The sequential assignment problem: request r is task r, and every driver has an idle task at the end.
 
         Parameters
@@ -75,11 +76,14 @@ class City:
         cost : float
             Cost of one step of driving, with or without a passenger. Requests that do not pay for their own ride are
             not on offer.
+        idle_is_free : bool, optional
+            Refused: a driver who waits always does so for free.
         """
         from sapopt.data.benefits import Benefits
         from sapopt.dynamics import RideHailing
         from sapopt.problem.sap import SAP
 
+        refuse_idle_rule(idle_is_free, "a driver who waits does so for free")
         n, requests = len(self.home), len(self.arrival)
         rule = RideHailing(self.travel, self.pick_up, self.drop_off, self.home, self.patience, cost)
         worth = self.worth(rule.cost)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sapopt.data.benefits import Benefits
     from sapopt.domains.constellation import Constellation
     from sapopt.formulations.synthetic import SyntheticTasks
+    from sapopt.plotting.aboard import Aboard
     from sapopt.problem.sap import SAP
 
 
@@ -69,6 +70,12 @@ class Tracking:
             tasks=[*self.regions.cells, *(f"idle {i}" for i in range(seen.n))],
         )  # fmt: skip
         return synthetic_tasks(base, np.repeat([self.observers, 1], [seen.m, seen.n]), self.decay)
+
+    def on_earth(self) -> Aboard:
+        """Every agent is a satellite; a region has a task for each observer."""
+        from sapopt.plotting.aboard import Aboard
+
+        return Aboard(self.satellites, np.arange(self.satellites.n), self.synthetic().task_of)
 
     def problem(self, cost: Any = 0.0, *, idle_is_free: bool = False) -> SAP:
         """The sequential assignment problem of the observers, with the objects' true ways as benefits.

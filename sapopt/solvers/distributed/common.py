@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -58,8 +58,13 @@ class Memory:
     extra: Any = None
 
 
+@dataclass(frozen=True, eq=False)
 class Talks:
-    """A policy whose agents exchange packets: tells the trace what every step cost."""
+    """A policy whose agents exchange packets: tells the trace what every step cost (`sapopt.solvers.base.Talking`)."""
+
+    def with_graph(self, graph: Any) -> Self:
+        """The same policy with other links."""
+        return replace(self, graph=graph)  # type: ignore[call-arg]  # a field of every subclass
 
     def record(self, memory: Memory) -> dict[str, int]:
         """Rounds, messages and bytes of the last step, and how many agents kept their task for want of agreement."""

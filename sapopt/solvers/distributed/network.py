@@ -43,7 +43,7 @@ class Network:
             if graph.n != n:
                 raise ValueError(f"graph has {graph.n} nodes, but the problem has {n} agents")
             return cls(graph.link_start, graph.links)
-        if not hasattr(graph, "number_of_nodes"):
+        if not _is_graph(graph):
             raise ValueError(
                 f"graph must be a networkx graph or a list of one per step, got {type(graph).__name__}"
             )
@@ -187,7 +187,7 @@ class Networks:
         else:
             self._graphs = [Network.from_graph(graph, n)]
         for step, one in enumerate(self._graphs):
-            nodes = one.number_of_nodes() if hasattr(one, "number_of_nodes") else getattr(one, "n", None)
+            nodes = one.number_of_nodes() if _is_graph(one) else one.n if isinstance(one, Network) else None
             if nodes != n:
                 where = f" at step {step}" if len(self._graphs) > 1 else ""
                 raise ValueError(f"graph{where} has {nodes} nodes, but the problem has {n} agents")
@@ -211,3 +211,9 @@ class Networks:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[index] = network
         return self._kept[index]
+
+
+def _is_graph(graph: Any) -> bool:
+    from networkx import Graph  # takes a while, and whoever has a graph has it already
+
+    return isinstance(graph, Graph)
