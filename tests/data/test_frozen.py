@@ -28,10 +28,6 @@ class Free:
     """Any object, equal to itself alone."""
 
 
-class Unhashable(list):
-    """A list with more to it."""
-
-
 @pytest.mark.parametrize(
     "make",
     [
