@@ -39,7 +39,6 @@ UPWARDS = {("problem/result.py", "report")}
 """The exception: `Result.report` hands over to the page that shows it, inside the method."""
 BUILT_ON = {
     "joint": {"switching"},
-    "battery": {"paths", "switching"},
 }
 """Families of dynamics that stand on another one."""
 LOCAL_RULES = {
@@ -144,6 +143,8 @@ def probes(path: Path) -> Iterator[str]:
             name.id for part in node.args[1:] for name in ast.walk(part) if isinstance(name, ast.Name)
         }
         names_it = "__name__" in asked  # what to call a function in a message
+        if asked.startswith("hasattr(os, "):  # what the platform has
+            continue
         if node.func.id == "hasattr" or (node.func.id == "getattr" and len(node.args) > 2 and not names_it):
             yield f"line {node.lineno}: {asked}"
         if node.func.id in ("isinstance", "issubclass") and of_class & DYNAMICS:

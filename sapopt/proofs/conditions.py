@@ -147,7 +147,7 @@ def _parts(state: Any) -> list[Any] | None:
         return [state]
     if dataclasses.is_dataclass(state):
         return [getattr(state, item.name) for item in dataclasses.fields(state)]
-    if isinstance(state, tuple) and hasattr(state, "_fields"):
+    if isinstance(state, tuple) and type(state) is not tuple:  # a named one: its parts differ in kind
         return list(state)
     if isinstance(state, (tuple, list)):
         array = np.empty(len(state), dtype=object)
