@@ -279,8 +279,8 @@ def observe(
     T, n, m = shape
     out = np.zeros((n, spec.size), dtype=np.float32)
     tasks = kernels.observe(
-        flat.indptr, flat.indices, flat.data, k, min(k + spec.steps, T), n, m,
-        spec.tasks, spec.neighbours, spec.steps, isinstance(spec, ThesisObservation),
+        flat.indptr, flat.indices, flat.data, k, min(k + spec.steps, T), m,
+        kernels.Layout(spec.tasks, spec.neighbours, spec.steps, isinstance(spec, ThesisObservation)),
         np.full(n, -1) if held is None else held,
         np.empty(0) if not spec.charge or charge is None else charge,
         out,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sapopt.kernels.jit import njit
@@ -85,14 +87,24 @@ def look(indptr, indices, data, k, stop, n, m, M, N, largest):
     return tasks, neighbours, row_start, ranked
 
 
+class Layout(NamedTuple):
+    """What an observation holds: M tasks of an agent, N neighbours, L steps; that of section 6.2.2 or the code's."""
+
+    tasks: int
+    neighbours: int
+    steps: int
+    thesis: bool
+
+
 @njit(cache=True, nogil=True)
-def observe(indptr, indices, data, k, stop, n, m, M, N, L, thesis, held, charge, out):
+def observe(indptr, indices, data, k, stop, m, layout, held, charge, out):
     """Write the observations of all agents at step k; see `sapopt.learning.observation` for the layouts.
 
     Parameters
     ----------
-    thesis : bool
-        The observation of section 6.2.2, or that of the published code.
+    indptr, indices, data, k, stop, m
+        As in `look`.
+    layout : Layout
     held : ndarray of int64, shape (n,)
         Previous task of every agent, -1 for none.
     charge : ndarray of float64, shape (n,), or (0,)
@@ -104,6 +116,8 @@ def observe(indptr, indices, data, k, stop, n, m, M, N, L, thesis, held, charge,
     -------
     tasks : ndarray of int64, shape (n, M)
     """
+    M, N, L, thesis = layout
+    n = len(held)
     tasks, neighbours, row_start, ranked = look(indptr, indices, data, k, stop, n, m, M, N, thesis)
     H = 0 if thesis else M // 2  # a neighbour's other tasks
     rivals_at = M * L

@@ -11,28 +11,24 @@ from sapopt.kernels.windows import fill_sorted
 
 
 @njit(cache=True, nogil=True)
-def interval_gains(
-    indptr, indices, data, steps, n, m, serving, levels, free, cost, drain, charge, capacity, entries
-):
+def interval_gains(indptr, indices, data, steps, m, before, rule):
     """What every agent gains by holding one task over all `steps`, for the tasks that it sees at some step.
 
     Parameters
     ----------
     indptr, indices, data : arrays
         Flat benefits; row ``k * n + i`` is agent i at step k.
-    serving : ndarray of int64, shape (n,)
-        Task that the agent may work on at the first step without paying, -1 for none.
-    levels : ndarray of int64, shape (n,)
-    free : bool
-        Whether the first step pays nothing.
-    entries : bool
-        Whether every start of work pays, instead of every move.
+    before : sapopt.dynamics.battery.hard.Before
+    rule : sapopt.dynamics.battery.hard.Rule
+        The value of what is left over does not count.
 
     Returns
     -------
     row_start, tasks, gains
         Sorted rows of a `GainMatrix`; pairs that yield 0 are left out.
     """
+    cost, drain, charge, capacity, entries, end = rule
+    n = before.levels.size
     row_start = np.zeros(n + 1, np.int64)
     tasks = np.empty(indptr[-1] - indptr[0], np.int32)
     gains = np.empty(indptr[-1] - indptr[0])
@@ -50,9 +46,9 @@ def interval_gains(
                 if seen[j] != i + 1:
                     seen[j] = i + 1
                     total[j] = 0.0
-                    level[j] = levels[i]
+                    level[j] = before.levels[i]
                     until[j] = 0
-                    ready[j] = serving[i] == j
+                    ready[j] = before.ready[i] == j
                     tasks[filled] = j
                     filled += 1
                 idle = k - until[j]
@@ -63,7 +59,7 @@ def interval_gains(
                 until[j] = k + 1
                 if data[e] > 0.0 and level[j] > 0:
                     total[j] += data[e]
-                    if not ready[j] and not (free and k == 0):
+                    if not ready[j] and not (before.free and k == 0):
                         total[j] -= cost
                     level[j] = max(level[j] - drain, 0)
                     ready[j] = True

@@ -195,13 +195,23 @@ class Battery(Model):
         serving, free = self.serving(state), state.held is None
         if windows.is_sparse:
             from sapopt.data.matrices import GainMatrix
+            from sapopt.dynamics.battery.hard import Before, Rule
             from sapopt.dynamics.battery.interval import interval_gains
 
             flat = benefits.flat()
+            units = self.units
+            rule = Rule(
+                self.cost, units.drain, units.charge, units.capacity, self.pay_for == "entries", np.empty(0)
+            )
             row_start, tasks, gains = interval_gains(
-                flat.indptr, flat.indices, flat.data, stop - start, windows.n, windows.m, serving, state.levels, free,
-                self.cost, *self.units[1:], self.pay_for == "entries",
-            )  # fmt: skip
+                flat.indptr,
+                flat.indices,
+                flat.data,
+                stop - start,
+                windows.m,
+                Before(state.levels, serving, free),
+                rule,
+            )
             negative = bool(gains.min(initial=0.0) < 0)
             none, zero = np.full(windows.n, -1), np.zeros(windows.n)
             return GainMatrix(row_start, tasks, gains, none, zero, 0.0, windows.m, negative)

@@ -1,13 +1,51 @@
 """Compiled recursions of `synthetic_paths`: one agent after another, O(T m) each.
 
-Conventions: row ``k * n + i`` of (indptr, indices, data) holds the benefits of agent i at step k; pairs that are not
-stored are worth 0. ``real[j]`` is the real task of task j, R their number; state R means that nothing is held, and
-R + 1 (only before the first step) that the first step is free.
+State r < R means that real task r is held, state R that nothing is held, and R + 1 (only before the first step) that
+the first step is free.
 """
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels.jit import njit
+
+
+class Window(NamedTuple):
+    """Benefits and rule of n agents over a window; row ``k * n + i`` is agent i at step k.
+
+    Attributes
+    ----------
+    n : int
+    indptr : (T * n + 1,) int64
+    indices : (entries,) int32
+    data : (entries,) float64
+        Pairs that are not stored are worth 0.
+    real : (m,) int64
+        The real task of every task.
+    real_count : int
+        R, the number of real tasks.
+    cost, forfeit : float
+        What a move into a positive benefit pays: the cost and this share of the benefit.
+    idle_is_free, needs_sight : bool
+        Whether a move to a task without benefit is free, and leads to holding nothing.
+    start : (n,) int64
+        State before the first step.
+    """
+
+    n: int
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    data: FloatArray
+    real: IntArray
+    real_count: int
+    cost: float
+    forfeit: float
+    idle_is_free: bool
+    needs_sight: bool
+    start: IntArray
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -18,13 +56,18 @@ def _charge(value, cost, forfeit, idle_free):
 
 
 @njit(cache=True, nogil=True)
-def _to_go(i, n, first, indptr, indices, data, real, R, rule, start, prices, row, best, move, stay):
+def _to_go(i, first, window, prices, row, best, move, stay):
     """Value to go before every step and state, ``best`` (T + 1, R + 1), and the choices behind it.
 
-    Steps ``first .. T - 1``. ``move[k]`` is the best task of an agent that pays, ``stay[k, r]`` the best copy of real
+    For the steps from `first` on, with j running over all tasks and the state that j leads to:
+
+        kept_j     = benefit_k[j] - price_k[j] + best[k + 1, state]
+        best[k, r] = max(max_j kept_j - charge_j, max over the copies j of r of kept_j)
+
+    ``move[k]`` is the best task of an agent that pays, ``stay[k, r]`` the best copy of real
     task r for who holds it, -1 where moving is better.
     """
-    cost, forfeit, idle_free, sight = rule
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     best[T, :] = 0.0
     for k in range(T - 1, first - 1, -1):
@@ -57,8 +100,9 @@ def _to_go(i, n, first, indptr, indices, data, real, R, rule, start, prices, row
 
 
 @njit(cache=True, nogil=True)
-def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, values, plan):
+def paths(agents, window, prices, values, plan):
     """Longest paths: ``values`` (len(agents),) and ``plan`` (T, len(agents)) are filled."""
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     row = np.zeros(m)
     best = np.empty((T + 1, R + 1))
@@ -68,16 +112,14 @@ def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, values
     for a in range(len(agents)):
         i = agents[a]
         free = start[i] == R + 1
-        _to_go(
-            i, n, 1 if free else 0, indptr, indices, data, real, R, rule, start, prices, row, best, move, stay
-        )
+        _to_go(i, 1 if free else 0, window, prices, row, best, move, stay)
         k, r = 0, start[i]
         if free:
             values[a], plan[0, a] = -np.inf, -1
             for e in range(indptr[i], indptr[i + 1]):
                 row[indices[e]] = data[e]
             for j in range(m):
-                q = real[j] if (not rule[3] or row[j] > 0.0) else R
+                q = real[j] if (not sight or row[j] > 0.0) else R
                 total = row[j] - prices[0, j] + best[1, q]
                 if total > values[a]:
                     values[a], plan[0, a], r = total, j, q
@@ -93,7 +135,7 @@ def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, values
                 k += 1
                 continue
             r = real[j]
-            if rule[3]:
+            if sight:
                 seen = False
                 for e in range(indptr[k * n + i], indptr[k * n + i + 1]):
                     if indices[e] == j:
@@ -104,16 +146,16 @@ def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, values
 
 
 @njit(cache=True, nogil=True)
-def first_values(n, indptr, indices, data, real, R, rule, start, prices, out):
+def first_values(window, prices, out):
     """Value of every agent's best path that starts with every task, without the first step's prices; fills (n, m)."""
-    cost, forfeit, idle_free, sight = rule
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     row = np.zeros(m)
     best = np.empty((T + 1, R + 1))
     move = np.empty(T, np.int64)
     stay = np.empty((T, R + 1), np.int64)
     for i in range(n):
-        _to_go(i, n, 1, indptr, indices, data, real, R, rule, start, prices, row, best, move, stay)
+        _to_go(i, 1, window, prices, row, best, move, stay)
         for e in range(indptr[i], indptr[i + 1]):
             row[indices[e]] = data[e]
         for j in range(m):
@@ -127,12 +169,12 @@ def first_values(n, indptr, indices, data, real, R, rule, start, prices, out):
 
 
 @njit(cache=True, nogil=True)
-def soft_paths(n, indptr, indices, data, real, R, rule, start, prices, weight, temperature, values, usage):
+def soft_paths(window, prices, weight, temperature, values, usage):
     """Soft values (n,) and the usage (T, m) added over the agents.
 
     ``weight`` is ``exp(-prices / temperature)``. Partition sums are kept relative to the largest one of their step.
     """
-    cost, forfeit, idle_free, sight = rule
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     part = np.empty((T + 1, R + 2))
     scale = np.empty(T)

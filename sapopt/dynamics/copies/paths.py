@@ -2,7 +2,7 @@
 
 The charge of a move depends on where it leads, never on where it comes from, so one maximum over all tasks serves every
 state: O(T m) an agent. Where an agent must see what it acquires and idling costs nothing, the tasks out of sight are
-alike, and O(T (R + tasks in sight)) is enough (`synthetic_seen_kernels`), R the number of real tasks.
+alike, and O(T (R + tasks in sight)) is enough (`seen`), R the number of real tasks.
 """
 
 from __future__ import annotations
@@ -34,18 +34,19 @@ class SyntheticPaths:
     """
 
     def __init__(self, benefits: Any, dynamics: SyntheticSwitching, state: IntArray | None) -> None:
-        self.indptr, self.indices, self.data, self._shape = flat_benefits(benefits)
-        T, n, m = self._shape
-        self.real = np.ascontiguousarray(dynamics.real_tasks(m), dtype=np.int64)
-        self.count = int(self.real.max()) + 1
-        self.rule = (
-            float(dynamics.cost), float(dynamics.forfeit), bool(dynamics.idle_is_free), bool(dynamics.needs_sight)
-        )  # fmt: skip
-        self.sparse = self.rule[3] and (self.rule[0] == 0.0 or self.rule[2])
+        indptr, indices, data, self._shape = flat_benefits(benefits)
+        _, n, m = self._shape
+        real = np.ascontiguousarray(dynamics.real_tasks(m), dtype=np.int64)
+        count = int(real.max()) + 1
         if state is None:
-            self.start = np.full(n, self.count + 1, dtype=np.int64)
+            start = np.full(n, count + 1, dtype=np.int64)
         else:
-            self.start = np.where(state < 0, self.count, state).astype(np.int64)
+            start = np.where(state < 0, count, state).astype(np.int64)
+        self.window = kernels.Window(
+            n, indptr, indices, data, real, count, float(dynamics.cost), float(dynamics.forfeit),
+            bool(dynamics.idle_is_free), bool(dynamics.needs_sight), start,
+        )  # fmt: skip
+        self.sparse = dynamics.needs_sight and (self.window.cost == 0.0 or self.window.idle_is_free)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -55,14 +56,14 @@ class SyntheticPaths:
     @property
     def scale(self) -> float:
         """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
-        finite = self.data[np.isfinite(self.data)]
+        finite = self.window.data[np.isfinite(self.window.data)]
         return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
 
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
-        highest = float(np.max(self.data[np.isfinite(self.data)], initial=0.0))
-        return (self.rule[0] + max(self.rule[1], 1e-2) * highest) / 300.0
+        highest = float(np.max(self.window.data[np.isfinite(self.window.data)], initial=0.0))
+        return (self.window.cost + max(self.window.forfeit, 1e-2) * highest) / 300.0
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
@@ -77,9 +78,9 @@ class SyntheticPaths:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
         out, p = np.empty(self._shape[1:]), self._prices(prices)
         if self.sparse:
-            seen.first_values(*self._rows(), p, np.argsort(p, axis=1), out)
+            seen.first_values(self.window, p, np.argsort(p, axis=1), out)
         else:
-            kernels.first_values(*self._rows(), p, out)
+            kernels.first_values(self.window, p, out)
         return out
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
@@ -87,7 +88,7 @@ class SyntheticPaths:
         p = self._prices(prices)
         values, usage = np.empty(self._shape[1]), np.zeros(p.shape)
         which = seen.soft_paths if self.sparse else kernels.soft_paths
-        which(*self._rows(), p, np.exp(-p / temperature), float(temperature), values, usage)
+        which(self.window, p, np.exp(-p / temperature), float(temperature), values, usage)
         return values, usage
 
     def _paths(self, agents: IntArray, prices: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -95,14 +96,10 @@ class SyntheticPaths:
         plan = np.empty((self._shape[0], len(agents)), dtype=np.int64)
         p = self._prices(prices)
         if self.sparse:
-            seen.paths(agents, *self._rows(), p, np.argsort(p, axis=1), values, plan)
+            seen.paths(agents, self.window, p, np.argsort(p, axis=1), values, plan)
         else:
-            kernels.paths(agents, *self._rows(), p, values, plan)
+            kernels.paths(agents, self.window, p, values, plan)
         return values, plan
-
-    def _rows(self) -> tuple[Any, ...]:
-        n = self._shape[1]
-        return n, self.indptr, self.indices, self.data, self.real, self.count, self.rule, self.start
 
     def _prices(self, prices: FloatArray) -> FloatArray:
         T, _, m = self._shape

@@ -1,4 +1,4 @@
-"""The recursions of `synthetic_kernels` where only tasks in sight matter: O(R + tasks in sight) a step and agent.
+"""The recursions of `hard` where only tasks in sight matter: O(R + tasks in sight) a step and agent.
 
 For ``needs_sight`` where tasks of no benefit are free (no cost, or idling is free): all tasks that are not stored are
 then alike but for their prices, lead to the state "none", and cost the same from every state.
@@ -24,9 +24,9 @@ def _cheapest(order, mark, stamp):
 
 
 @njit(cache=True, nogil=True)
-def _to_go(i, n, first, indptr, indices, data, real, R, rule, prices, order, mark, stamps, best, move):
+def _to_go(i, first, window, prices, order, mark, stamps, best, move):
     """Value to go ``best`` (T + 1, R + 1) and the best task ``move`` (T,) of who pays, from step `first` on."""
-    cost, forfeit = rule[0], rule[1]
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T = prices.shape[0]
     best[T, :] = 0.0
     for k in range(T - 1, first - 1, -1):
@@ -52,8 +52,9 @@ def _to_go(i, n, first, indptr, indices, data, real, R, rule, prices, order, mar
 
 
 @njit(cache=True, nogil=True)
-def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, order, values, plan):
+def paths(agents, window, prices, order, values, plan):
     """Longest paths: ``values`` (len(agents),) and ``plan`` (T, len(agents)) are filled."""
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     mark = np.zeros(m, np.int64)
     stamps = np.zeros(1, np.int64)
@@ -61,7 +62,7 @@ def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, order,
     move = np.empty(T, np.int64)
     for a in range(len(agents)):
         i = agents[a]
-        _to_go(i, n, 0, indptr, indices, data, real, R, rule, prices, order, mark, stamps, best, move)
+        _to_go(i, 0, window, prices, order, mark, stamps, best, move)
         r = start[i]
         for k in range(T):
             lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
@@ -84,16 +85,16 @@ def paths(agents, n, indptr, indices, data, real, R, rule, start, prices, order,
 
 
 @njit(cache=True, nogil=True)
-def first_values(n, indptr, indices, data, real, R, rule, start, prices, order, out):
+def first_values(window, prices, order, out):
     """Value of every agent's best path that starts with every task, without the first step's prices; fills (n, m)."""
-    cost, forfeit = rule[0], rule[1]
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     mark = np.zeros(m, np.int64)
     stamps = np.zeros(1, np.int64)
     best = np.empty((T + 1, R + 1))
     move = np.empty(T, np.int64)
     for i in range(n):
-        _to_go(i, n, 1, indptr, indices, data, real, R, rule, prices, order, mark, stamps, best, move)
+        _to_go(i, 1, window, prices, order, mark, stamps, best, move)
         out[i, :] = best[1, R]
         for e in range(indptr[i], indptr[i + 1]):
             j, value = indices[e], data[e]
@@ -103,12 +104,12 @@ def first_values(n, indptr, indices, data, real, R, rule, start, prices, order, 
 
 
 @njit(cache=True, nogil=True)
-def soft_paths(n, indptr, indices, data, real, R, rule, start, prices, weight, temperature, values, usage):
-    """Soft values (n,) and the usage (T, m) of all agents; see `synthetic_kernels.soft_paths`.
+def soft_paths(window, prices, weight, temperature, values, usage):
+    """Soft values (n,) and the usage (T, m) of all agents; see `hard.soft_paths`.
 
     What is not in sight counts in sums: the weight of all tasks less that of the stored ones.
     """
-    cost, forfeit = rule[0], rule[1]
+    n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
     part = np.empty((T + 1, R + 2))
     scale = np.empty(T)

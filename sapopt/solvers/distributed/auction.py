@@ -94,7 +94,7 @@ def run_auctions(
     """
     from concurrent.futures import ThreadPoolExecutor, wait
 
-    from sapopt.solvers.distributed.auction_kernels import auction
+    from sapopt.solvers.distributed.auction_kernels import Wishes, auction
 
     network = scene.network
     n, m = network.n, scene.open_tasks.shape[1]
@@ -112,10 +112,10 @@ def run_auctions(
     def play(a: int, eps: float) -> tuple[np.ndarray, np.ndarray]:
         row = rows[a]
         owners[a] = -1
+        wishes = Wishes(row.row_start, row.tasks, row.gains, row.held, row.held_gain, spread)
         mine[a], entries, bids, stuck = auction(
-            *network.rings, row.row_start, row.tasks, row.gains, row.held, row.held_gain, spread,
-            prices[a], owners[a], eps, _range(row), bidders, max_rounds, stop,
-        )  # fmt: skip
+            *network.rings, wishes, prices[a], owners[a], eps, _range(row), max_rounds, stop
+        )
         if stuck >= 0:
             raise InfeasibleError(f"agent {stuck} has no task that it may take")
         return entries, bids

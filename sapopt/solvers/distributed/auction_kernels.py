@@ -13,20 +13,43 @@ fades out where a whole ring knows better. The tables, and the entries that chan
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels.jit import njit
 
 
-@njit(cache=True, nogil=True)
-def best_bid(
-    agent, row_start, tasks, gains, held, held_gain, spread, price, epsilon, widest, mark, stamp
-):  # fmt: skip
+class Wishes(NamedTuple):
+    """What the tasks are worth to the bidders.
+
+    Attributes
+    ----------
+    row_start, tasks, gains, held, held_gain : arrays
+        Rows of the n agents, as in `sapopt.data.matrices.GainMatrix`. A gain of -inf forbids a task.
+    spread : (bidders,) int64
+        Where a bidder begins to look for a task among those that are all worth zero to it, so that idle agents do not
+        all bid for the same place. Bidder n + q is a virtual one that values all tasks alike, and lives at agent q
+        modulo n.
+    """
+
+    row_start: IntArray
+    tasks: NDArray[np.int32]
+    gains: FloatArray
+    held: IntArray
+    held_gain: FloatArray
+    spread: IntArray
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def best_bid(agent, wishes, price, epsilon, widest, mark, stamp):
     """Task and bid of an agent under the prices it knows; task -1 if no task is open to it.
 
-    Tasks outside the row have gain zero; among them the search starts at task `spread`, so that idle agents do not all
-    bid for the same place. A gain of -inf forbids a task, a price of +inf closes it.
+    Tasks outside the row have gain zero. A price of +inf closes a task. `mark` (m,) holds numbers below `stamp`.
     """
+    row_start, tasks, gains, held, held_gain, spread = wishes
     m = len(price)
     best, second, task = -np.inf, -np.inf, -1
     mine = -1
@@ -57,7 +80,7 @@ def best_bid(
                 mark[tasks[e]] = stamp
             if mine >= 0:
                 mark[mine] = stamp
-        j = spread
+        j = spread[agent]
         for _ in range(m):
             if mark[j] != stamp:
                 net = -price[j]
@@ -82,26 +105,18 @@ def best_bid(
 
 
 @njit(cache=True, nogil=True)
-def auction(
-    ring_start, ring_agents, row_start, tasks, gains, held, held_gain, spread, price, bidder,
-    epsilon, widest, bidders, max_rounds, stop,
-):  # fmt: skip
+def auction(ring_start, ring_agents, wishes, price, bidder, epsilon, widest, max_rounds, stop):
     """Play one auction until nothing changes or the round limit is reached.
 
     Parameters
     ----------
     ring_start, ring_agents : arrays
         Agents by their distance from each of the n agents, see `Network.rings`.
-    row_start, tasks, gains, held, held_gain : arrays
-        Gains as in `sapopt.data.matrices.GainMatrix`.
-    spread : ndarray of int64, shape (bidders,)
-        See `best_bid`.
+    wishes : Wishes
     price, bidder : ndarray, shape (m, n)
         What every agent knows of every task; changed in place. A price of +inf closes a task to the agent.
     epsilon, widest : float
         Least raise of a bid; raise (before epsilon) by an agent that has only one task to choose from.
-    bidders : int
-        Bidders, at least n. Bidder n + q is a virtual one that values all tasks alike, and lives at agent q modulo n.
     max_rounds : int
     stop : ndarray of bool, shape (1,)
         Set by another thread to end the auction; what it returns then is of no use.
@@ -118,6 +133,7 @@ def auction(
         An agent to whom no task is open, or -1.
     """
     m, n = price.shape
+    bidders = wishes.spread.size
     widths = ring_start.shape[1] - 1
     mine = np.full(bidders, -1, np.int64)
     listed_at = np.full((m, n), -1, np.int32)  # round in which an entry last changed
@@ -160,10 +176,7 @@ def auction(
             if mine[v] >= 0 and bidder[mine[v], i] == v:
                 continue
             stamp += 1
-            task, bid = best_bid(
-                v, row_start, tasks, gains, held, held_gain, spread[v], price[:, i],
-                epsilon, widest, mark, stamp,
-            )  # fmt: skip
+            task, bid = best_bid(v, wishes, price[:, i], epsilon, widest, mark, stamp)
             if task < 0:
                 stuck = v
                 continue

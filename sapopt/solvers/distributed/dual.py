@@ -142,11 +142,10 @@ class DistributedDualLookahead(Talks):
         if steps > 1:
             positive = benefit[benefit > 0]
             step = _STEP * float(positive.mean()) if len(positive) else 1.0
-            near_ptr, near, near_hops = _near(network, self.hops)
             mean = np.zeros_like(price)
             sent = kernels.iterate(
-                near_ptr, near, near_hops, slot_ptr, slot_task, benefit, place, held, cost, idle_is_free, price, mean,
-                self.iterations, step, _DECAY, self.hops,
+                kernels.Near(*_near(network, self.hops)), kernels.Places(*slots), held, cost, idle_is_free, price, mean,
+                kernels.Rounds(self.iterations, step, _DECAY, self.hops),
             )  # fmt: skip
             price = mean
             scene.simulator.deliver(_packets(network, sent, self.hops, 4 * (steps + 1)))

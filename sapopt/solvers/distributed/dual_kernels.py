@@ -7,8 +7,12 @@ other tasks are one place, *elsewhere*, where it waits for nothing; it comes las
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels.jit import njit
 
 
@@ -88,17 +92,52 @@ def follow(benefit, price, cost, idle_is_free, to_go, start, path):
         at = where
 
 
+class Near(NamedTuple):
+    """Agents within a few hops: those of agent i are ``agents[ptr[i]:ptr[i + 1]]``, ``hops`` their distance; int64."""
+
+    ptr: IntArray
+    agents: IntArray
+    hops: IntArray
+
+
+class Places(NamedTuple):
+    """Slots of the agents, as from `find_slots`.
+
+    Attributes
+    ----------
+    ptr : (n + 1,) int64
+    task : (slots,) int32
+    benefit : (slots, steps) float64
+    place : (n, m) int32
+        Slot of a task, -1 for none.
+    """
+
+    ptr: IntArray
+    task: NDArray[np.int32]
+    benefit: FloatArray
+    place: NDArray[np.int32]
+
+
+class Rounds(NamedTuple):
+    """Price rounds: their number, the first price step and its decay, and the hops that a plan is passed on."""
+
+    number: int
+    step: float
+    decay: float
+    hops: int
+
+
 @njit(cache=True, nogil=True)
-def iterate(
-    near_ptr, near, near_hops, slot_ptr, slot_task, benefit, place, held, cost, idle_is_free, price, price_mean,
-    iterations, step, decay, hops,
-):  # fmt: skip
+def iterate(near, slots, held, cost, idle_is_free, price, price_mean, rounds):
     """Play the price rounds: every agent plans its path at its own prices, hears plans, and moves its prices.
 
-    `near` lists the agents within `hops` hops; a plan is heard as many rounds late as it has hops to go. `price` is
-    changed in place; `price_mean` becomes its mean over the second half of the rounds. Returns bool (iterations, n):
-    who sent a new plan in each round.
+        price[s, t] = max(0, price[s, t] + step / (1 + decay r) * (agents heard to want the task at t - 1))
+
+    A plan is heard as many rounds late as it has hops to go. `price` is changed in place; `price_mean` becomes its mean
+    over the second half of the rounds. Returns bool (rounds, n): who sent a new plan in each round.
     """
+    slot_ptr, slot_task, benefit, place = slots
+    iterations, step, decay, hops = rounds
     n = len(slot_ptr) - 1
     steps = benefit.shape[1]
     plans = np.full((hops + 1, n, steps), -1, np.int32)  # tasks, -1 elsewhere; ring over rounds
@@ -128,12 +167,12 @@ def iterate(
         for i in range(n):
             a, b = slot_ptr[i], slot_ptr[i + 1]
             excess = np.full((b - a, steps), -1.0)
-            for q in range(near_ptr[i], near_ptr[i + 1]):
-                late = near_hops[q]
+            for q in range(near.ptr[i], near.ptr[i + 1]):
+                late = near.hops[q]
                 if late > r:
                     continue
                 for t in range(steps):
-                    task = plans[(r - late) % (hops + 1), near[q], t]
+                    task = plans[(r - late) % (hops + 1), near.agents[q], t]
                     if task >= 0 and place[i, task] >= 0:
                         excess[place[i, task] - a, t] += 1.0
             for s in range(a, b):
