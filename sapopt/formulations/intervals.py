@@ -4,7 +4,7 @@ Each interval is one assignment problem over the sum of its benefits plus the ha
 is the plain form, sequence by sequence and without memory, for study and for testing the solver;
 `sapopt.solvers.HAAL` is the fast one.
 
-    accepts(problem) -> reason or None
+    refusal(problem) -> reason or None
     formulate(problem, k, lookahead, state) -> Intervals
     recover(intervals) -> assignment
 """
@@ -80,7 +80,7 @@ def cuts(start: int, stop: int) -> Iterator[Sequence]:
             yield ((start, middle), *rest)
 
 
-def accepts(problem: SAP) -> str | None:
+def refusal(problem: SAP) -> str | None:
     """None: every problem has interval subproblems."""
     return None
 

@@ -68,7 +68,7 @@ class MILP:
         ]
 
 
-def accepts(problem: SAP) -> str | None:
+def refusal(problem: SAP) -> str | None:
     """None, or the reason why the problem cannot be written so."""
     return not_local(problem)
 
@@ -83,7 +83,7 @@ def formulate(problem: SAP, *, relaxed: bool = False) -> MILP:
     """
     import cvxpy as cp  # takes about a second: only those who need it pay for it
 
-    reason = accepts(problem)
+    reason = refusal(problem)
     if reason:
         raise ValueError(f"dynamics: {reason}")
     T, n, m = problem.benefits.shape

@@ -189,7 +189,7 @@ class NetworkOracle:
         return float(values[agent]), plan[:, agent]
 
 
-def accepts(problem: SAP) -> str | None:
+def refusal(problem: SAP) -> str | None:
     """None, or the reason why the problem has no time-expanded network."""
     return not_local(problem)
 
@@ -202,7 +202,7 @@ def formulate(problem: SAP) -> Network:
     ValueError
         If the dynamics is not agent-local.
     """
-    reason = accepts(problem)
+    reason = refusal(problem)
     if reason:
         raise ValueError(f"dynamics: {reason}")
     rule = problem.model.switching()

@@ -159,7 +159,7 @@ def _number_lines(path: str | Path) -> Iterator[list[float]]:
             raise ValueError(f"{path}, line {line}: not a QAPLIB file ({error})") from None
 
 
-def accepts(problem: SAP) -> str | None:
+def refusal(problem: SAP) -> str | None:
     """None, or the reason why the problem has no Koopmans-Beckmann form."""
     if problem.model.switching() is not None:
         return None
@@ -177,7 +177,7 @@ def formulate(problem: SAP) -> QAP:
     ValueError
         If the dynamics is not a `SwitchingCost`.
     """
-    reason = accepts(problem)
+    reason = refusal(problem)
     if reason:
         raise ValueError(f"dynamics: {reason}")
     T, n, m = problem.benefits.shape

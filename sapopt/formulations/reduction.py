@@ -27,7 +27,7 @@ F = TypeVar("F", bound=Form)
 class Formulation(Protocol[F]):
     """A way to write a problem as a mixed-integer programme."""
 
-    def accepts(self, problem: SAP) -> str | None:
+    def refusal(self, problem: SAP) -> str | None:
         """None, or the reason why the problem cannot be written so."""
 
     def formulate(self, problem: SAP) -> F:

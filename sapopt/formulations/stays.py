@@ -152,7 +152,7 @@ class Stays:
         return plan
 
 
-def accepts(problem: SAP) -> str | None:
+def refusal(problem: SAP) -> str | None:
     """None, or the reason why the problem is not written in stays."""
     rule = problem.model.switching()
     if rule is None or rule.uniform_cost is None:
@@ -172,7 +172,7 @@ def formulate(problem: SAP) -> Stays:
     ValueError
         If the problem is not accepted.
     """
-    reason = accepts(problem)
+    reason = refusal(problem)
     if reason:
         raise ValueError(f"dynamics: {reason}")
     T, n, m = problem.benefits.shape

@@ -48,3 +48,10 @@ def test_listed() -> None:
         problem = instance(name)
         assert known[name].shape == (problem.T, problem.n, problem.m)
     assert known["attitude"].shape == (93, 324, 450 + 324)
+
+
+@pytest.mark.parametrize("name", ["attitude", "ride-hailing", "unit-commitment"])
+def test_a_choice_that_the_rule_does_not_have_is_refused(name: str) -> None:
+    """Whether idling is free is no question here, and the message says why."""
+    with pytest.raises(ValueError, match="idle_is_free: there is nothing to choose here"):
+        instance(name, idle_is_free=True, **SMALL[name])

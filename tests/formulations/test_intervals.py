@@ -15,7 +15,7 @@ def test_same_as_haal(lookahead: int) -> None:
     """Played step by step, the plain subproblems give HAAL's plan."""
     rng = np.random.default_rng(lookahead)
     problem = SAP(rng.random((6, 3, 4)), SwitchingCost(0.4))
-    assert intervals.accepts(problem) is None
+    assert intervals.refusal(problem) is None
     state, plan = problem.initial_state(), []
     for k in range(problem.T):
         plan.append(intervals.recover(intervals.formulate(problem, k, lookahead, state)))

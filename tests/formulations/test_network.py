@@ -108,7 +108,7 @@ def test_regret_is_what_an_arc_costs() -> None:
 def test_global_dynamics_is_refused() -> None:
     """A state that is not local has no network, and the error says what is missing."""
     problem = SAP(RNG(0).random((2, 2, 3)), Dictator())
-    assert "local_model" in str(network.accepts(problem))
+    assert "local_model" in str(network.refusal(problem))
     with pytest.raises(ValueError, match="Dictator"):
         network.formulate(problem)
 

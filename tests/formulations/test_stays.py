@@ -89,7 +89,7 @@ def test_stays_that_agree_with_a_plan() -> None:
 
 def test_what_is_not_written_in_stays() -> None:
     """A cost matrix, and a problem with too many stays, are refused with the reason."""
-    assert "one cost" in (stays.accepts(SAP(np.ones((2, 2, 3)), SwitchingCost(1 - np.eye(3)))) or "")
-    assert "too many" in (stays.accepts(SAP(np.zeros((200, 10, 10)), SwitchingCost(1.0))) or "")
+    assert "one cost" in (stays.refusal(SAP(np.ones((2, 2, 3)), SwitchingCost(1 - np.eye(3)))) or "")
+    assert "too many" in (stays.refusal(SAP(np.zeros((200, 10, 10)), SwitchingCost(1.0))) or "")
     with pytest.raises(ValueError, match="one cost"):
         stays.formulate(SAP(np.ones((2, 2, 3)), SwitchingCost(1 - np.eye(3))))

@@ -55,7 +55,7 @@ def test_four_methods_agree(chunk: int) -> None:
         values = {}
         for method in METHODS:
             solver = Exact(method)
-            if solver.accepts(problem) is None:
+            if solver.refusal(problem) is None:
                 result = solve(problem, solver)
                 assert result.status is Status.OPTIMAL, (seed, method)
                 assert result.bound is not None

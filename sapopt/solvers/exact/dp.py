@@ -26,7 +26,7 @@ class TooLargeError(ValueError):
     """The problem is too large for brute force."""
 
 
-def accepts(problem: SAP, limit: int = LIMIT) -> str | None:
+def refusal(problem: SAP, limit: int = LIMIT) -> str | None:
     """None, or the reason why brute force is out of reach (already with one state per step)."""
     count = math.perm(problem.m, problem.n)
     if count * problem.T > limit:
@@ -52,7 +52,7 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
     InfeasibleError
         If some step cannot be reached or left by any plan.
     """
-    reason = accepts(problem, limit)
+    reason = refusal(problem, limit)
     if reason:
         raise TooLargeError(reason)
     rows = assignments(problem.n, problem.m)

@@ -85,13 +85,13 @@ class Exact:
         """Name with the method."""
         return f"Exact({self.method})"
 
-    def accepts(self, problem: SAP) -> str | None:
+    def refusal(self, problem: SAP) -> str | None:
         """None, or the reason why the method does not take the problem."""
-        return dp.accepts(problem) if self.method == "dp" else _FORMULATIONS[self.method].accepts(problem)
+        return dp.refusal(problem) if self.method == "dp" else _FORMULATIONS[self.method].refusal(problem)
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Solve the problem."""
-        reason = self.accepts(problem)
+        reason = self.refusal(problem)
         if reason:
             raise ValueError(f"Exact(method={self.method!r}): {reason}")
         methods = {"network": self._network, "dp": self._dp}

@@ -90,7 +90,7 @@ class Search:
             left = self.run.seconds_left
             self.state.best = warm.incumbent(self.problem, self.run, min(0.1 * left, 20.0))
             self.note("heuristics")
-            if self.fix and self.state.best.plan is not None and stays.accepts(self.problem) is None:
+            if self.fix and self.state.best.plan is not None and stays.refusal(self.problem) is None:
                 self._branch_and_price()
             else:
                 self._over_network()
