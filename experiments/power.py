@@ -26,8 +26,8 @@ from sapopt.solvers import AssignmentPolicy, DualDecomposition, energy_price, po
 from sapopt.solvers.names import parse_solver
 
 METHODS = (
-    "haa", "haal:3", "power-constrained", "energy-price", "dual-lookahead:3", "dual-lookahead:10", "dual-lookahead:30",
-    "plan", "plan-entries",
+    "haa", "haal:3", "haal-exact:3", "power-constrained", "energy-price", "dual-lookahead:3", "dual-lookahead:10",
+    "dual-lookahead:30", "plan", "plan-entries",
 )  # fmt: skip
 QUICK = ("haa", "power-constrained", "energy-price", "dual-lookahead:3", "plan")
 

@@ -29,6 +29,14 @@ METHODS = (
     Method("myopic-greedy", "MyopicGreedy", "agent by agent, the task that is best now"),
     Method("haa", "HAA", "Algorithm 1: the best assignment of each step, handovers charged"),
     Method("haal", "HAAL", "Algorithm 2: HAA with lookahead L", "lookahead", 3),
+    Method(
+        "haal-exact",
+        "HAAL",
+        "HAAL with intervals chosen by what they really yield",
+        "lookahead",
+        3,
+        options=(("exact_intervals", True),),
+    ),
     Method("haal-d", "HAALD", "Algorithm 3: HAAL by auctions between the agents", "lookahead", 3),
     Method("cbba", "CBBA", "consensus-based bundle algorithm between the agents", "lookahead", 1),
     Method("dual-lookahead", "DualLookahead", "receding horizon of W steps with task prices", "window", 6),
@@ -100,7 +108,7 @@ def parse_solver(spec: str, number: int | None = None) -> NamedSolver:
             raise ValueError(f"solver {method.name!r} takes no number, got {number}")
         return NamedSolver(method.name, cls(**dict(method.options)))
     value = method.default if number is None else number
-    return NamedSolver(f"{method.name}:{value}", cls(**{method.parameter: value}))
+    return NamedSolver(f"{method.name}:{value}", cls(**{method.parameter: value} | dict(method.options)))
 
 
 def parse_solvers(specs: str) -> list[NamedSolver]:
