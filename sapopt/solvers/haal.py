@@ -120,7 +120,10 @@ class HAAL:
     @property
     def keeps_guarantee(self) -> bool:
         """Whether the c / (1 + c) theorem holds for it (docs/theorem.md); a subclass may decide otherwise."""
-        return type(self) is HAAL and (self.lookahead <= 2 or self.keep_plan)
+        if type(self) is not HAAL:
+            return False
+        # With exact intervals a lookahead of 2 is another algorithm than the one the proof is about.
+        return self.keep_plan or self.lookahead == 1 or (self.lookahead == 2 and not self.exact_intervals)
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> HAALMemory:
         """Empty memory."""

@@ -40,6 +40,8 @@ def test_the_ratios_hold_for_what_they_cover(seed: int, n: int, steps: int, star
         assert promise.covers(solver)
         assert solve(problem, solver).value >= promise.refined_ratio * optimum - 1e-9
     assert not promise.covers(HAAL(3))
+    assert not promise.covers(HAAL(2, exact_intervals=True))
+    assert promise.covers(HAAL(3, keep_plan=True, exact_intervals=True))
 
 
 @settings(max_examples=50, deadline=None)
