@@ -3,8 +3,8 @@
     python -m experiments.benchmarks.first_call [--runs 5] [--against DIR] [--out FILE]
 
 Processor seconds of the whole process, imports included, of HAA, HAAL(3), `bound` and DualDecomposition on
-constellation-toy, and the seconds by the clock of ``sapopt compare constellation-mid``. `--against` names another checkout,
-whose runs take turns with those of this one. Other work on the machine lengthens the seconds by the clock.
+constellation-toy, and the seconds by the clock of ``sapopt compare constellation-mid``. `--against` names another
+checkout, whose runs take turns with those of this one. Other work on the machine lengthens the seconds by the clock.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def first_call(folder: Path, call: str) -> float:
-    """Seconds of one call in a new process with an empty cache: of its processor time, for a comparison by the clock."""
+    """Seconds of one call in a new process with an empty cache: processor time, but for a comparison by the clock."""
     if call == COMPARE:
         code = f"import sys; from sapopt.cli import main; sys.argv[1:] = {COMPARE.split()!r}; main()"
     else:

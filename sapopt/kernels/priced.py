@@ -5,10 +5,21 @@ a task that it does not see, for the price of waiting, and leaves it at one of a
 *hub* between all agents and all tasks, so nothing of size (n, m) is ever built and a search costs O(B m) at most.
 
 Duals are utilities ``u[i]`` and prices ``p[j] >= 0`` with ``u[i] + p[j] >= value[i, j]``, tight on assigned pairs.
-A hub's potential is ``least[b] = min_j dues[b, j] + p[j]``; with it every arc of the search has a length >= 0.
+A hub's potential is ``least[b] = min_j dues[b, j] + p[j]``; with it every arc of the search has a length >= 0:
+
+    agent i -> task j      u[i] + p[j] - value[i, j]              (listed pairs)
+    agent i -> hub b       u[i] + least[b] - leave[i, b]
+    hub b   -> task j      dues[b, j] + p[j] - least[b]
+    task j  -> its owner   0                                      (who has to find another task)
+
+A search is Dijkstra's from the agent to be inserted to the nearest free task. With ``dist`` the distances and ``end``
+that of the free task, the new duals are ``p[j] + end - dist[j]`` and ``u[owner[j]] - (end - dist[j])`` for the tasks
+reached for good, which keeps every arc at a length >= 0 and makes those of the path tight.
 """
 
 from __future__ import annotations
+
+from collections import namedtuple
 
 import numpy as np
 
@@ -18,6 +29,18 @@ from sapopt.kernels.jit import njit
 _BATCH = 256  # searches between two looks at the clock
 
 _ROUNDS = 10  # passes of row reduction, as in `sapopt.kernels.matching`
+
+Values = namedtuple("Values", "row_start tasks values leave dues")
+"""What pairs are worth: CSR rows of the listed ones, each sorted by decreasing value; ``leave`` of shape (n, B) and
+``dues`` of shape (B, m) for the others."""
+
+Found = namedtuple("Found", "chosen owner u p least lowest")
+"""An assignment in the making: the task ``chosen`` by every agent and the ``owner`` of every task, -1 for none; the
+duals ``u`` and ``p``; of every hub the potential ``least`` and the task ``lowest`` that attains it."""
+
+Search = namedtuple("Search", "dist via done touched hub_dist hub_from hub_done heap_key heap_item")
+"""Work arrays of a search. Of every task: distance (infinite between searches), the agent it was reached ``via``, and
+whether that is final (``done``); the tasks ``touched``. Of every hub: the same. A heap of tasks j and hubs m + b."""
 
 
 def assign_rows(row_start, tasks, values, leave, dues, prices, check=None):
@@ -36,80 +59,78 @@ def assign_rows(row_start, tasks, values, leave, dues, prices, check=None):
     check : callable, optional
         Called between batches of searches, a good part of a second; what it raises ends the work.
     """
-    problem = row_start, tasks, values, leave, dues
-    queue, state = _begin(problem, prices)
+    worth = Values(row_start, tasks, values, leave, dues)
+    queue, found = _begin(worth, prices)
     for first in range(0, len(queue), _BATCH):
         if check is not None:
             check()
-        if not _insert(queue[first : first + _BATCH], problem, state):
+        if not _insert(queue[first : first + _BATCH], worth, found):
             return np.empty(0, np.int64)
-    return state[0]
+    return found.chosen
 
 
 @njit(cache=True, nogil=True)
-def _begin(problem, prices):
-    """Reduce the rows: the agents that are still without a task, and the state of the searches."""
-    row_start, tasks, values, leave, dues = problem
-    n, hubs = leave.shape
-    m = dues.shape[1]
+def _begin(worth, prices):
+    """Reduce the rows: the agents that are still without a task, and what the searches go on from."""
+    n, hubs = worth.leave.shape
+    m = worth.dues.shape[1]
     chosen, owner = np.full(n, -1, np.int64), np.full(m, -1, np.int64)
     u, p = np.full(n, -np.inf), prices.copy()
-    least, lowest = np.full(hubs, np.inf), np.full(hubs, -1, np.int64)
+    found = Found(chosen, owner, u, p, np.full(hubs, np.inf), np.full(hubs, -1, np.int64))
     for b in range(hubs):
-        _lowest(b, dues, p, owner, least, lowest)
+        _lowest(b, worth, found)
     queue = np.arange(n)
-    waiting, later = n, 0
     late = np.empty(n, np.int64)
+    waiting, later = n, 0
     for _ in range(_ROUNDS):
         if waiting == 0:
             break
-        waiting, later = _reduce_rows(
-            row_start, tasks, values, leave, least, chosen, owner, u, p, queue, waiting, late, later
-        )
-    return np.concatenate((queue[:waiting], late[:later])), (chosen, owner, u, p, least, lowest)
+        waiting, later = _reduce_rows(worth, found, queue, waiting, late, later)
+    for q in range(later):
+        queue[waiting + q] = late[q]  # those who wait for a hub come last: they find most tasks priced
+    return queue[: waiting + later], found
 
 
 @njit(cache=True, nogil=True)
-def _insert(agents, problem, state):
+def _insert(agents, worth, found):
     """Give each of the agents a task by a shortest augmenting path; False if there is none."""
-    row_start, tasks, values, leave, dues = problem
-    chosen, owner, u, p, least, lowest = state
-    n, hubs = leave.shape
-    m = dues.shape[1]
-    dist, via = np.full(m, np.inf), np.empty(m, np.int64)
-    done, touched = np.zeros(m, np.bool_), np.empty(m, np.int64)
-    hub_dist, hub_from, hub_done = np.empty(hubs), np.empty(hubs, np.int64), np.empty(hubs, np.bool_)
-    room = row_start[n] + hubs * (n + m) + 1
-    heap_key, heap_item = np.empty(room), np.empty(room, np.int64)
+    n, hubs = worth.leave.shape
+    m = worth.dues.shape[1]
+    room = worth.row_start[n] + hubs * (n + m) + 1
+    search = Search(
+        np.full(m, np.inf), np.empty(m, np.int64), np.zeros(m, np.bool_), np.empty(m, np.int64),
+        np.empty(hubs), np.empty(hubs, np.int64), np.empty(hubs, np.bool_), np.empty(room), np.empty(room, np.int64),
+    )  # fmt: skip
+    least, lowest = found.least, found.lowest
     for root in agents:
         for b in range(hubs):
-            if least[b] != dues[b, lowest[b]] + p[lowest[b]]:  # prices only rise
-                _lowest(b, dues, p, owner, least, lowest)
-        if not _augment(
-            root, row_start, tasks, values, leave, dues, least, lowest, chosen, owner, u, p,
-            dist, via, done, touched, hub_dist, hub_from, hub_done, heap_key, heap_item,
-        ):  # fmt: skip
+            if least[b] != worth.dues[b, lowest[b]] + found.p[lowest[b]]:  # prices only rise
+                _lowest(b, worth, found)
+        if not _augment(root, worth, found, search):
             return False
     return True
 
 
-@njit(cache=True, nogil=True)
-def _lowest(b, dues, p, owner, least, lowest):
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _lowest(b, worth, found):
     """Find the potential of a hub and the task that attains it, a free one if possible."""
+    dues, p, owner = worth.dues, found.p, found.owner
     best, where = np.inf, np.int64(0)
     for j in range(len(p)):
         total = dues[b, j] + p[j]
         if total < best or (total == best and owner[where] >= 0 and owner[j] < 0):
             best, where = total, np.int64(j)
-    least[b], lowest[b] = best, where
+    found.least[b], found.lowest[b] = best, where
 
 
-@njit(cache=True, nogil=True)
-def _reduce_rows(row_start, tasks, values, leave, least, chosen, owner, u, p, queue, waiting, late, later):
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _reduce_rows(worth, found, queue, waiting, late, later):
     """One pass of row reduction over the queue, see `sapopt.kernels.matching`; agents who would wait go to `late`.
 
     The potentials of the hubs may be out of date, which only makes the price rises smaller.
     """
+    row_start, tasks, values, leave, _ = worth
+    chosen, owner, u, p, least, _ = found
     again = 0
     for q in range(waiting):
         i = queue[q]
@@ -149,33 +170,52 @@ def _reduce_rows(row_start, tasks, values, leave, least, chosen, owner, u, p, qu
     return again, later
 
 
-@njit(cache=True, nogil=True)
-def _augment(
-    root, row_start, tasks, values, leave, dues, least, lowest, chosen, owner, u, p,
-    dist, via, done, touched, hub_dist, hub_from, hub_done, heap_key, heap_item,
-):  # fmt: skip
-    """Insert one unassigned agent by a shortest augmenting path; False if there is none."""
-    m, hubs = len(p), len(least)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _touch(j, reach, agent, search, n_touched):
+    """Note a shorter way to task j, through `agent`; returns how many tasks are touched now."""
+    if search.dist[j] == np.inf:
+        search.touched[n_touched] = j
+        n_touched += 1
+    search.dist[j] = reach
+    search.via[j] = agent
+    return n_touched
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _utility(agent, worth, found):
+    """The most that an agent can have at the present prices, -inf if it can have no task at all."""
     utility = -np.inf
-    for e in range(row_start[root], row_start[root + 1]):
-        if values[e] <= utility:
+    for e in range(worth.row_start[agent], worth.row_start[agent + 1]):
+        if worth.values[e] <= utility:  # sorted, and prices are not negative
             break
-        utility = max(utility, values[e] - p[tasks[e]])
+        utility = max(utility, worth.values[e] - found.p[worth.tasks[e]])
+    for b in range(len(found.least)):
+        utility = max(utility, worth.leave[agent, b] - found.least[b])
+    return utility
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+def _augment(root, worth, found, search):
+    """Insert one unassigned agent by a shortest augmenting path; False if there is none."""
+    row_start, tasks, values, leave, dues = worth
+    chosen, owner, u, p, least, lowest = found
+    dist, via, done, touched, hub_dist, hub_from, hub_done, heap_key, heap_item = search
+    m, hubs = len(p), len(least)
+    u[root] = _utility(root, worth, found)
+    if u[root] == -np.inf:
+        return False
     for b in range(hubs):
         hub_dist[b] = np.inf
         hub_done[b] = False
-        utility = max(utility, leave[root, b] - least[b])
-    if utility == -np.inf:
-        return False
-    u[root] = utility
-    end, end_task = np.inf, np.int64(-1)
+    end, end_task = np.inf, np.int64(-1)  # the nearest free task so far
     size = 0
     n_touched = 0
     i, length = root, 0.0
     while True:
+        # Out of agent i, at distance `length`: along its row, and to the hubs.
         base = length + u[i]
         for e in range(row_start[i], row_start[i + 1]):
-            if base - values[e] >= end:
+            if base - values[e] >= end:  # prices are not negative, so no later entry is nearer
                 break
             j = np.int64(tasks[e])
             if done[j] or owner[j] == i:
@@ -183,11 +223,7 @@ def _augment(
             reach = length + max(0.0, u[i] + p[j] - values[e])
             if reach >= end or reach >= dist[j]:
                 continue
-            if dist[j] == np.inf:
-                touched[n_touched] = j
-                n_touched += 1
-            dist[j] = reach
-            via[j] = i
+            n_touched = _touch(j, reach, i, search, n_touched)
             if owner[j] < 0:
                 end, end_task = reach, j
             else:
@@ -198,6 +234,7 @@ def _augment(
                 hub_dist[b] = reach
                 hub_from[b] = i
                 size = push(heap_key, heap_item, size, reach, m + b)
+        # The next nearest task that somebody owns; hubs on the way are passed through.
         task = np.int64(-1)
         while size > 0:
             key, item = heap_key[0], heap_item[0]
@@ -215,24 +252,18 @@ def _augment(
             hub_done[b] = True
             j = lowest[b]
             if owner[j] < 0 and not done[j] and key < dist[j]:
-                if dist[j] == np.inf:
-                    touched[n_touched] = j
-                    n_touched += 1
-                dist[j] = key
-                via[j] = hub_from[b]
+                # The hub's nearest task is free, at no further length: the search is over.
+                n_touched = _touch(j, key, hub_from[b], search, n_touched)
                 end, end_task = key, j
                 break
             offset = key - least[b]
+            # The free tasks first: the nearest one lowers `end`, which spares the heap most of the others.
             for free in (True, False):
                 for t in range(m):
                     j = np.int64(t)
                     reach = max(key, offset + dues[b, j] + p[j])
                     if reach < end and (owner[j] < 0) == free and reach < dist[j] and not done[j]:
-                        if dist[j] == np.inf:
-                            touched[n_touched] = j
-                            n_touched += 1
-                        dist[j] = reach
-                        via[j] = hub_from[b]
+                        n_touched = _touch(j, reach, hub_from[b], search, n_touched)
                         if free:
                             end, end_task = reach, j
                             if reach == key:
@@ -252,7 +283,7 @@ def _augment(
                 p[j] += end - dist[j]
                 u[owner[j]] -= end - dist[j]
         task = end_task
-        while True:
+        while True:  # back along the path: everybody on it moves on to the next task
             i = via[task]
             previous = chosen[i]
             chosen[i] = task
