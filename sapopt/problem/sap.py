@@ -31,7 +31,7 @@ class SAP:
     """A sequential assignment problem: n agents, m tasks, T steps, benefits that depend on the state.
 
     At each step every agent takes exactly one task and no task is taken twice; the value of a plan is the sum of the
-    benefits and of the handover terms eta(s_k) of its pairs (thesis, eq. 2.1 to 2.4). Problems are immutable.
+    benefits and of the handover terms eta(s_k) of its pairs (thesis, eq. 1.3 and 3.4). Problems are immutable.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class SAP:
         return self.model.transition(k, state, assignment)
 
     def beta_hat(self, k: int, state: Any) -> FloatArray:
-        """State-dependent benefits of step k, shape ``(n, m)``: benefits plus handover matrix (thesis, eq. 2.4)."""
+        """State-dependent benefits of step k, shape ``(n, m)``: benefits plus handover matrix (thesis, section 3.1)."""
         return dense_step(self.benefits.step(k)) + self.handover(k, state)
 
     def evaluate(self, plan: Any) -> Evaluation:

@@ -24,7 +24,7 @@ Held = IntArray | None
 
 @dataclass(frozen=True, eq=False)
 class SwitchingCost(Model):
-    """Charge every change of task (thesis, section 2.3: eta(s)_ij = -cost unless agent i held task j).
+    """Charge every change of task (thesis, section 4.2: eta(s)_ij = -cost unless agent i held task j).
 
     A subclass that changes the rule is a rule of its own, which nothing said here is believed of: solvers then take the
     generic way, and bounds ask for a ``local_model`` of that rule.
