@@ -91,14 +91,14 @@ def in_dask() -> dict[str, float]:
 
 
 def loaded() -> dict[str, object]:
-    """What numba has loaded, and kernels that were compiled for more than one signature."""
+    """What numba has loaded, and kernels that Python called and that were compiled for more than one signature."""
     from numba.np.ufunc import parallel
 
     layers = [name for name in ("omppool", "tbbpool", "workqueue") if f"numba.np.ufunc.{name}" in sys.modules]
     several = [
         repr(kernel)
         for kernel in KERNELS
-        if kernel._dispatcher is not None and len(kernel._dispatcher.nopython_signatures) > 1
+        if kernel._run is not None and len(kernel._dispatcher.nopython_signatures) > 1
     ]
     return {"layers": layers, "initialised": parallel._is_initialized, "several": several}
 

@@ -149,11 +149,13 @@ def soft_strict_paths(
     log_move = np.log(smoothing.move)
     for i in range(begin, end):
         tasks = slots.task[slots.ptr[i] : slots.ptr[i + 1]]
-        before = -1  # slot held before the first step
+        before = np.int64(
+            -1
+        )  # slot held before the first step; a plain -1 would be a type of its own to the compiler
         if window.held[i] >= 0:
             for s in range(tasks.size):
                 if tasks[s] == window.held[i]:
-                    before = s
+                    before = np.int64(s)
         # At the first step a move is free if nothing was held.
         first = smoothing.move if before >= 0 else 1.0
         log_first = log_move if before >= 0 else 0.0
