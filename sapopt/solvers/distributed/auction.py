@@ -75,7 +75,10 @@ def infeasible(matrix: Matrix, scene: Scene) -> str:
     dense = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix
     if not np.isneginf(dense).any():
         return ""
-    return explain_infeasible(np.isfinite(dense) & scene.open_tasks[scene.component])
+    reason = explain_infeasible(np.isfinite(dense) & scene.open_tasks[scene.component])
+    if reason and len(scene.open_tasks) > 1:
+        return f"{reason} (of the tasks that its part of the network keeps)"
+    return reason
 
 
 def run_auctions(
@@ -310,7 +313,7 @@ class DistributedAuction(Talks):
         if reason:
             raise InfeasibleError(f"step {outlook.k}: {reason}")
         done = run_auctions([matrix], scene, self.epsilon, self.max_rounds, scaling=self.scaling)
-        tasks = np.where(done.agreed, done.tasks[0], memory.held)
+        tasks = np.where(done.agreed, done.tasks[0], common.fallback(outlook, memory, done.agreed))
         return tasks, common.close_step(scene, memory, tasks, done.agreed)
 
 

@@ -7,7 +7,10 @@ anybody did, agent ``j mod n`` for task j. At each step the agents of a connecte
 themselves the tasks whose keepers are in that part, and nothing else. An assigned task's new holder becomes its keeper.
 Keepers are handed over only by agreement inside a part, so two parts never assign one task, however often the network
 splits and heals. A dead agent keeps its task and all tasks that it is the keeper of. A part that does not come to an
-agreement within the round limit keeps the tasks that it holds; all its agents know the round, so all of them do.
+agreement within the round limit keeps the tasks that it holds; all its agents know the round, so all of them do. An
+agent that may not do the task it holds (the pair is forbidden at this step) takes the best of the other tasks that it
+is itself the keeper of: nobody else can take those. If there is none, the step has no plan, and the run ends with an
+`InfeasibleError` that says so; likewise if a part has no full assignment among the tasks that it keeps.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
@@ -154,6 +158,32 @@ def open_step(outlook: Outlook, memory: Memory, allow_disconnected: bool, faults
     open_tasks[component[dead]] = False
     open_tasks[component[dead], memory.held[dead]] = True
     return Scene(network, simulator, component, open_tasks, dead)
+
+
+def fallback(outlook: Outlook, memory: Memory, agreed: np.ndarray) -> IntArray:
+    """Tasks (n,) of agents whose part did not agree, by the rule of this module.
+
+    Raises
+    ------
+    InfeasibleError
+        If such an agent may do neither the task it holds nor another that it keeps.
+    """
+    tasks = memory.held.copy()
+    k = outlook.k
+    benefits = outlook.problem.benefits.slice(k, k + 1)
+    for i in np.flatnonzero(~agreed & np.isneginf(benefits.at(tasks[None])[0])):
+        kept = np.flatnonzero(memory.keeper == i)
+        trials = np.repeat(memory.held[None], len(kept), axis=0)
+        trials[:, i] = kept
+        worth = np.array([benefits.at(trial[None])[0, i] for trial in trials])
+        worth = worth + np.array([outlook.model.handover_at(k, outlook.state, trial)[i] for trial in trials])
+        if not np.isfinite(worth).any():
+            raise InfeasibleError(
+                f"step {k}: agent {i} may not do task {tasks[i]}, which it holds, nor another that it keeps, and its "
+                "part came to no agreement within max_rounds; raise max_rounds"
+            )
+        tasks[i] = kept[int(np.argmax(worth))]
+    return tasks
 
 
 def close_step(

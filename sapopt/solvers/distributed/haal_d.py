@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -37,6 +38,16 @@ def interval_problems(
     return {
         (a, b): matrix(a, b, outlook.state) for a in range(outlook.k, stop) for b in range(a + 1, stop + 1)
     }
+
+
+def reach(solved: Iterable[Interval], start: int) -> int:
+    """The last step that a sequence of these intervals can end with, which is less than the window's where forbidden
+    pairs leave some of them without an assignment."""
+    ends = {start}
+    for a, b in sorted(solved):
+        if a in ends:
+            ends.add(b)
+    return max(ends)
 
 
 def best_sequence(
@@ -147,10 +158,10 @@ class HAALD(Talks):
         """Execute the first assignment of the best sequence of intervals."""
         scene = common.open_step(outlook, memory, self.allow_disconnected, self.faults)
         solved, agreed = self.solve_intervals(outlook, scene)
-        stop = max(end for _, end in solved) if agreed.any() else outlook.k + 1
-        tasks = memory.held.copy()
+        stop = reach(solved, outlook.k)
+        tasks = common.fallback(outlook, memory, agreed)
         if agreed.any():
-            cut, _ = best_sequence(outlook, stop, _whole(solved, tasks), scene.component)
+            cut, _ = best_sequence(outlook, stop, _whole(solved, memory.held), scene.component)
             if self.knowledge == "own":
                 scene.simulator.flood(np.full(len(tasks), 8 * 2 ** (stop - outlook.k - 1)))
             for end in np.unique(cut[scene.component[agreed]]):
@@ -220,6 +231,7 @@ class CentralHAALD:
             except InfeasibleError as error:
                 if interval == (outlook.k, outlook.k + 1):
                     raise InfeasibleError(f"step {outlook.k}: {error}") from None
-        stop = min(outlook.k + self.lookahead, outlook.end)
-        cut, _ = best_sequence(outlook, stop, solved, np.zeros(outlook.problem.n, dtype=np.int64))
+        cut, _ = best_sequence(
+            outlook, reach(solved, outlook.k), solved, np.zeros(outlook.problem.n, dtype=np.int64)
+        )
         return solved[outlook.k, int(cut[0])], None
