@@ -185,14 +185,45 @@ def test_without_axes() -> None:
     plt.close(made.figure)
 
 
+def test_agents_and_tasks_by_their_labels() -> None:
+    """A label stands for its number, in every figure that draws some of them."""
+    names, tasks = ["plane 0", "plane 1", "plane 2"], [f"t{j}" for j in range(4)]
+    problem = SAP(np.random.default_rng(0).random((5, 3, 4)), SwitchingCost(0.1), agents=names, tasks=tasks)
+    result = solve(problem, HAA())
+    drawn = [
+        np.asarray(plotting.timeline(problem, result, agents, Figure().subplots()).images[0].get_array())
+        for agents in (["plane 2", 0], [2, "plane 0"])
+    ]
+    np.testing.assert_array_equal(*drawn)
+    lines = [
+        plotting.benefit_history(problem, {"HAA": result}, agent, Figure().subplots()).lines[0].get_ydata()
+        for agent in ("plane 1", 1)
+    ]
+    np.testing.assert_array_equal(*lines)
+    prices = np.random.default_rng(1).random((5, 4))
+    by_name = plotting.price_heat_map(prices, ["t3", 1], tasks, Figure().subplots())
+    np.testing.assert_array_equal(np.asarray(by_name.images[0].get_array()), prices[:, [3, 1]].T)
+    with pytest.raises(
+        ValueError, match="agents: there is none called 'plane 7'; the first label is 'plane 0'"
+    ):
+        plotting.timeline(problem, result, ["plane 7"])
+
+
 def test_bad_arguments(ax: Axes, problem: SAP, results: dict[str, Result]) -> None:
     """An agent that does not exist and a trace without bounds are named."""
     with pytest.raises(ValueError, match=r"agent must lie in 0\.\.4, got 5"):
         plotting.benefit_history(problem, results, 5, ax)
     with pytest.raises(ValueError, match=r"agents must be numbers in 0\.\.4"):
         plotting.timeline(problem, results["HAA"], [0, -1], ax)
-    with pytest.raises(ValueError, match=r"tasks must be a positive count or numbers in 0\.\.2"):
+    with pytest.raises(ValueError, match=r"tasks must be numbers in 0\.\.2 or labels, got 3"):
         plotting.price_heat_map(np.ones((2, 3)), [3], ax=ax)
+    with pytest.raises(ValueError, match=r"tasks must be a positive count or numbers in 0\.\.2"):
+        plotting.price_heat_map(np.ones((2, 3)), 0, ax=ax)
+    with pytest.raises(ValueError, match="agents: there is none called 'mary'; there are no labels"):
+        plotting.timeline(problem, results["HAA"], ["mary"], ax)
+    for bad in ([], "ab", [1.5], [True]):
+        with pytest.raises(ValueError, match="agents must be"):
+            plotting.timeline(problem, results["HAA"], bad, ax)
     with pytest.raises(ValueError, match=r"prices must be finite, of shape \(T, m\)"):
         plotting.price_heat_map(np.ones(3), ax=ax)
     with pytest.raises(ValueError, match="holds no bounds"):

@@ -9,10 +9,12 @@ from sapopt.cli import (  # they add their commands to the app
     warming,
 )
 from sapopt.cli.app import app
+from sapopt.running.streams import forgive
 
 __all__ = ["app", "main", "proving", "reporting", "solving", "sweeping", "training", "warming"]
 
 
 def main() -> None:
     """Run the ``sapopt`` program."""
+    forgive()
     app()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 from sapopt.kernels import clock
+from sapopt.running.streams import standard_error
 
 _LINE_EVERY_S = 10.0
 """Without a terminal, a running phase says at most this often how far it is."""
@@ -46,7 +46,7 @@ class Reporter:
 
     def __init__(self) -> None:
         self._told = ExitStack()
-        self.console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+        self.console = Console(file=standard_error(), highlight=False, soft_wrap=True)
         self.live = self.console.is_terminal
         self.bars = Progress(
             SpinnerColumn(finished_text="[green]✓[/]"),

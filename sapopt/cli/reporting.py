@@ -129,7 +129,7 @@ def _find(path: Path) -> _Found:
     if record.is_file():
         try:
             told = json.loads(record.read_text(encoding="utf-8"))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ValueError(f"{record}: damaged ({error})") from None
         if not isinstance(told, dict):
             raise ValueError(f"{record}: not the report of a run")

@@ -92,7 +92,10 @@ def load_checkpoint(path: Path, run: dict[str, Any], like: Checkpoint) -> Checkp
         raise ValueError(f"{path}: damaged checkpoint ({error}); remove it to start anew") from None
     if meta.get("format") != FORMAT:
         raise ValueError(f"{path}: not a checkpoint of sapopt; remove it to start anew")
-    ours, theirs = json.loads(json.dumps(run)), json.loads(meta["run"])
+    try:
+        ours, theirs = json.loads(json.dumps(run)), dict(json.loads(meta["run"]))
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: damaged checkpoint ({error}); remove it to start anew") from None
     if ours != theirs:
         other = sorted(key for key in ours | theirs if ours.get(key) != theirs.get(key))
         raise ValueError(
@@ -121,5 +124,5 @@ def load_checkpoint(path: Path, run: dict[str, Any], like: Checkpoint) -> Checkp
             networks["online"], networks["target"], networks["best"], float(meta["best_value"]), adam,
             int(meta["episode"]), int(meta["updates"]), json.loads(meta["rng"]), plans,
         )  # fmt: skip
-    except (KeyError, RuntimeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, IndexError, RuntimeError, ValueError) as error:
         raise ValueError(f"{path}: damaged checkpoint ({error}); remove it to start anew") from None

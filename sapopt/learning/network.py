@@ -110,13 +110,17 @@ def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
         hidden = [int(size) for size in json.loads(meta["hidden"])]
         outputs = int(meta["outputs"])
         about = dict(json.loads(meta["about"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
         raise ValueError(f"{path}: damaged description of the network ({error})") from None
-    network = Network(spec, hidden, outputs)
-    wanted = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    # Before anything of the sizes that the file names is built.
+    sizes = [spec.size, *hidden, outputs]
+    wanted: dict[str, tuple[int, ...]] = {}
+    for layer, (inputs, outs) in enumerate(itertools.pairwise(sizes)):
+        wanted |= {f"layers.{2 * layer}.weight": (outs, inputs), f"layers.{2 * layer}.bias": (outs,)}
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     if wanted != found:
         raise ValueError(f"{path}: weights {found} do not fit the network it names, {wanted}")
+    network = Network(spec, hidden, outputs)
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise ValueError(f"{path}: weights {name!r} are not finite numbers")

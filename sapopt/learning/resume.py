@@ -63,9 +63,9 @@ class Standing:
             return {}
         meta, arrays = read_npz(self.path, _FORMAT)
         try:
-            ours, theirs = json.loads(json.dumps(self.run)), json.loads(meta["run"])
+            ours, theirs = json.loads(json.dumps(self.run)), dict(json.loads(meta["run"]))
             counters = dict(json.loads(meta["counters"]))
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"{self.path}: damaged checkpoint ({error}); remove it to start anew") from None
         if ours != theirs:
             other = sorted(key for key in ours | theirs if ours.get(key) != theirs.get(key))

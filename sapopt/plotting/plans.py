@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
+from sapopt.data.types import IntArray
 from sapopt.plotting.style import (
     BLUES,
     BOUND,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def benefit_history(
-    problem: SAP, results: Mapping[str, Result], agent: int = 0, ax: Axes | None = None
+    problem: SAP, results: Mapping[str, Result], agent: int | str = 0, ax: Axes | None = None
 ) -> Axes:
     """Draw the benefit of the tasks that one agent holds over the steps, handovers marked (Holder 2024, Figure 4.4b).
 
@@ -38,8 +39,8 @@ def benefit_history(
     problem : SAP
     results : mapping of str to Result
         One line for each. The legend tells how often the agent changed its task and what it earned in all.
-    agent : int
-        The agent, 0-based.
+    agent : int or str
+        The agent, 0-based, or its label.
     ax : Axes, optional
 
     Returns
@@ -51,8 +52,9 @@ def benefit_history(
     ValueError
         If there is no such agent.
     """
-    if not 0 <= agent < problem.n:
+    if not isinstance(agent, str) and not 0 <= agent < problem.n:
         raise ValueError(f"agent must lie in 0..{problem.n - 1}, got {agent}")
+    agent = int(_rows([agent], problem.n, problem.agents, "agent")[0])
     ax = axes_or_new(ax, (8.0, 3.6))
     steps = np.arange(problem.T)
     for number, (name, result) in enumerate(results.items()):
@@ -90,8 +92,25 @@ def benefit_history(
     return ax
 
 
+def _rows(chosen: Sequence[int | str], count: int, labels: Sequence[str] | None, name: str) -> IntArray:
+    """Numbers of agents or tasks that are given by number or by label."""
+    known = {label: i for i, label in reversed(list(enumerate(labels or ())))}
+    if isinstance(chosen, str) or len(chosen) == 0:
+        raise ValueError(f"{name} must be a list of numbers in 0..{count - 1} or of labels, got {chosen!r}")
+    rows = []
+    for one in chosen:
+        if isinstance(one, str) and one not in known:
+            like = f"the first label is {labels[0]!r}" if labels else "there are no labels"
+            raise ValueError(f"{name}: there is none called {one!r}; {like}")
+        number = np.asarray(known[one] if isinstance(one, str) else one)
+        if number.ndim or not np.issubdtype(number.dtype, np.integer) or not 0 <= number < count:
+            raise ValueError(f"{name} must be numbers in 0..{count - 1} or labels, got {one!r}")
+        rows.append(int(number))
+    return np.array(rows, dtype=np.int64)
+
+
 def timeline(
-    problem: SAP, result: Result, agents: Sequence[int] | None = None, ax: Axes | None = None
+    problem: SAP, result: Result, agents: Sequence[int | str] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Draw what every agent does at every step: the benefit of its task as colour, handovers as strokes.
 
@@ -99,17 +118,19 @@ def timeline(
     ----------
     problem : SAP
     result : Result
-    agents : sequence of int, optional
-        The agents to draw, from top to bottom; by default the first 40.
+    agents : sequence of int or str, optional
+        The agents to draw, from top to bottom, as numbers or by their labels; by default the first 40.
     ax : Axes, optional
 
     Returns
     -------
     Axes
     """
-    rows = np.arange(min(problem.n, 40)) if agents is None else np.asarray(agents, dtype=np.int64)
-    if len(rows) == 0 or rows.min() < 0 or rows.max() >= problem.n:
-        raise ValueError(f"agents must be numbers in 0..{problem.n - 1}, got {list(rows)}")
+    rows = (
+        np.arange(min(problem.n, 40))
+        if agents is None
+        else _rows(agents, problem.n, problem.agents, "agents")
+    )
     ax = axes_or_new(ax, (9.0, 0.13 * len(rows) + 1.6))
     benefit = problem.benefits.at(result.plan)[:, rows].T
     changed = _changes(problem, result.plan)[:, rows].T
@@ -145,7 +166,10 @@ def timeline(
 
 
 def price_heat_map(
-    prices: Any, tasks: int | Sequence[int] = 40, labels: Sequence[str] | None = None, ax: Axes | None = None
+    prices: Any,
+    tasks: int | Sequence[int | str] = 40,
+    labels: Sequence[str] | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Draw the price of the tasks over the steps: where capacity is scarce.
 
@@ -153,8 +177,9 @@ def price_heat_map(
     ----------
     prices : array_like, shape (T, m)
         Task prices, for example ``bound(problem).prices``.
-    tasks : int or sequence of int
-        So many of the scarcest tasks (by the sum of their prices), or these tasks; from top to bottom.
+    tasks : int or sequence of int or str
+        So many of the scarcest tasks (by the sum of their prices), or these tasks, as numbers or by `labels`; from top
+        to bottom.
     labels : sequence of str, optional
         Names of all m tasks, for example ``problem.tasks``; their numbers if omitted.
     ax : Axes, optional
@@ -174,10 +199,10 @@ def price_heat_map(
     m = price.shape[1]
     if isinstance(tasks, int):
         rows = np.argsort(-price.sum(axis=0), kind="stable")[: max(tasks, 0)]
+        if len(rows) == 0:
+            raise ValueError(f"tasks must be a positive count or numbers in 0..{m - 1}, got {tasks}")
     else:
-        rows = np.asarray(tasks, dtype=np.int64)
-    if len(rows) == 0 or rows.min() < 0 or rows.max() >= m:
-        raise ValueError(f"tasks must be a positive count or numbers in 0..{m - 1}, got {tasks}")
+        rows = _rows(tasks, m, labels, "tasks")
     ax = axes_or_new(ax, (9.0, 0.13 * len(rows) + 1.6))
     image = ax.imshow(
         price[:, rows].T,

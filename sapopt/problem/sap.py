@@ -292,6 +292,13 @@ def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, .
     out = tuple(str(x) for x in labels)
     if len(out) != count:
         raise ValueError(f"{name}: {len(out)} labels for {count} {name}")
+    for i, label in enumerate(out):
+        try:
+            label.encode()
+        except UnicodeEncodeError:
+            raise ValueError(
+                f"{name}: label {i}, {label!r}, holds half a character, which no file can hold"
+            ) from None
     return out
 
 

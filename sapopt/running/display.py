@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from sapopt.running.control import Callback, Progress
+from sapopt.running.streams import standard_error
 
 
 @contextmanager
@@ -23,7 +24,7 @@ def progress_bar(name: str, callback: Callback | None) -> Iterator[Callback]:
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     )
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bar(*columns, console=Console(file=standard_error()), transient=True) as bar:
         task = bar.add_task(name, total=None, note="starting (the first run compiles the kernels)")
 
         def report(progress: Progress) -> bool | None:

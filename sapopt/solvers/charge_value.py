@@ -131,5 +131,5 @@ class ChargeValue:
             if record["format"] != _FORMAT:
                 raise ValueError(f"format {record['format']!r}")
             return cls(np.array(record["table"], dtype=np.float64), str(record["about"]))
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"{name}: not a table of charge values ({error})") from None

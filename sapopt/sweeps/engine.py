@@ -177,7 +177,7 @@ def _known(folder: Path, job: Job) -> Finished | None:
         return Finished(job, dict(held["record"]), None, float(held["seconds"]), fresh=False)
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         log.warning("%s is damaged; the job is done again", path)
         path.unlink(missing_ok=True)
         return None

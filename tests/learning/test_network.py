@@ -86,6 +86,17 @@ def test_mismatch_is_refused(path: Path) -> None:
     save_file(tensors, str(path), metadata=meta | {"spec": json.dumps({"colour": 1})})
     with pytest.raises(ValueError, match="description"):
         load_network(path)
+    for key in ("spec", "hidden", "outputs", "about"):
+        for text in ("null", "[null]", "{", "[" * 10_000, "1e999", "nan", '{"kind": []}'):
+            save_file(tensors, str(path), metadata=meta | {key: text})
+            try:
+                load_network(path)
+            except ValueError as error:
+                assert str(path) in str(error)  # noqa: PT017
+    for key, text in (("hidden", "[1000000000, 1000000000]"), ("outputs", "-5"), ("hidden", "[]")):
+        save_file(tensors, str(path), metadata=meta | {key: text})
+        with pytest.raises(ValueError, match="do not fit"):  # and nothing of that size is built
+            load_network(path)
     tensors["layers.0.bias"][0] = float("nan")
     save_file(tensors, str(path), metadata=meta)
     with pytest.raises(ValueError, match=r"layers\.0\.bias"):

@@ -188,6 +188,7 @@ BAD_PROBLEMS: dict[str, tuple[dict[str, Any], str]] = {
     "labels": ({"agents": ["a", "b"]}, "agents: 2 labels for 3 agents"),
     "task labels": ({"tasks": ["a"]}, "tasks: 1 labels for 5 tasks"),
     "a word as labels": ({"agents": "abc"}, "agents must be a list"),
+    "half a character": ({"agents": ["a", "\ud800", "c"]}, "agents: label 1, .* holds half a character"),
     "a number as labels": ({"tasks": 5}, "tasks must be a list"),
 }  # fmt: skip
 

@@ -103,6 +103,9 @@ def test_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.table, value.table)
     assert back.about == "by hand"
     assert ChargeValue.load("power").table.shape == (101, 11)
+    (tmp_path / "v.json").write_text('{"format": ' + "[" * 10_000)
+    with pytest.raises(ValueError, match="not a table of charge values"):
+        ChargeValue.load(tmp_path / "v.json")
     (tmp_path / "v.json").write_text("{}")
     with pytest.raises(ValueError, match="not a table of charge values"):
         ChargeValue.load(tmp_path / "v.json")
