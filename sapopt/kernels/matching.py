@@ -12,6 +12,8 @@ idle agents and free tasks (Jonker and Volgenant, 1987; Bertsekas, 1998, chapter
 
 from __future__ import annotations
 
+from collections import namedtuple
+
 import numpy as np
 
 from sapopt.kernels import ties
@@ -19,6 +21,13 @@ from sapopt.kernels.heap import pop, push
 from sapopt.kernels.jit import SMALL, njit
 
 _ROUNDS = 10  # passes of row reduction; a search costs more than a pass over the few agents that still wait
+
+Found = namedtuple("Found", "chosen owner u p")
+"""A matching in the making, as `match` returns it."""
+
+Search = namedtuple("Search", "dist via done touched heap_key heap_task")
+"""Work arrays of a search: of every task its distance (infinite between searches), the agent it was reached ``via``,
+and whether that is final (``done``); the tasks ``touched``; a heap of tasks."""
 
 
 @njit(cache=True, nogil=True, small=SMALL)
@@ -145,11 +154,10 @@ def match(row_start, tasks, gains, m):
         touched = np.empty(m, np.int64)
         heap_key = np.empty(row_start[n] + 1)
         heap_task = np.empty(row_start[n] + 1, np.int64)
+        found = Found(chosen, owner, u, p)
+        search = Search(dist, via, done, touched, heap_key, heap_task)
         for q in range(waiting):
-            scanned += _augment(
-                queue[q], row_start, tasks, gains, chosen, owner, u, p,
-                dist, via, done, touched, heap_key, heap_task,
-            )  # fmt: skip
+            scanned += _augment(queue[q], row_start, tasks, gains, found, search)
     return chosen, owner, u, p, waiting, scanned
 
 
@@ -199,13 +207,13 @@ def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _augment(
-    start, row_start, tasks, gains, chosen, owner, u, p, dist, via, done, touched, heap_key, heap_task
-):
+def _augment(start, row_start, tasks, gains, found, search):
     """Insert one unassigned agent by a shortest augmenting path (Dijkstra on reduced costs).
 
     Returns how many entries were looked at.
     """
+    chosen, owner, u, p = found
+    dist, via, done, touched, heap_key, heap_task = search
     utility = 0.0
     scanned = 0
     for e in range(row_start[start], row_start[start + 1]):

@@ -5,11 +5,18 @@ Rows list positive gains only, sorted by decreasing gain (`sapopt.kernels.matchi
 
 from __future__ import annotations
 
+from collections import namedtuple
+
 import numpy as np
 
 from sapopt.kernels.jit import njit
 
 _TIGHT = 1e-11  # relative to the greatest gain: a pair with less slack counts as tight
+
+Walk = namedtuple("Walk", "seen parent taken queue option")
+"""Work arrays of a breadth-first walk. Of every agent, and the pool as node n: the stamp of the walk that has ``seen`` it
+last, its ``parent``, from which it was reached, and the task ``taken`` from it there; the ``queue``; and the tasks that
+an agent may have (``option``)."""
 
 
 @njit(cache=True, nogil=True)
@@ -114,6 +121,7 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
     parent = np.empty(n + 1, np.int64)
     taken = np.empty(n + 1, np.int64)
     queue = np.empty(n + 1, np.int64)
+    walk = Walk(seen, parent, taken, queue, option)
     stamp = 0
     for i in range(n):
         current = chosen[i] if chosen[i] >= 0 else m
@@ -129,10 +137,7 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
             if j == current:
                 break
             stamp += 1
-            if _redirect(
-                i, j, stamp, row_start, tasks, gains, chosen, owner, u, p, tol,
-                seen, parent, taken, queue, option,
-            ):  # fmt: skip
+            if _redirect(i, j, row_start, tasks, gains, chosen, owner, u, p, tol, stamp, walk):
                 break
             last = j
 
@@ -151,14 +156,13 @@ def _tight(i, row_start, tasks, gains, u, p, tol, option):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _redirect(
-    i, wish, stamp, row_start, tasks, gains, chosen, owner, u, p, tol, seen, parent, taken, queue, option
-):
+def _redirect(i, wish, row_start, tasks, gains, chosen, owner, u, p, tol, stamp, walk):
     """Move agent i to task `wish` along an alternating path of tight pairs through agents after i, if there is one.
 
     Who loses a task moves on to another tight one. The pool (node n) gives free tasks and private idle options, and
     takes back an idle option or a task of price zero from any agent. The path ends at the option that i leaves.
     """
+    seen, parent, taken, queue, option = walk
     n = len(chosen)
     left = chosen[i]
     left_may_stay_free = left < 0 or p[left] <= tol
