@@ -14,9 +14,9 @@ from sapopt.kernels.jit import njit
 _TIGHT = 1e-11  # relative to the greatest gain: a pair with less slack counts as tight
 
 Walk = namedtuple("Walk", "seen parent taken queue option")
-"""Work arrays of a breadth-first walk. Of every agent, and the pool as node n: the stamp of the walk that has ``seen`` it
-last, its ``parent``, from which it was reached, and the task ``taken`` from it there; the ``queue``; and the tasks that
-an agent may have (``option``)."""
+"""Work arrays of a breadth-first walk. Of every agent, and the pool as node n: the stamp of the last walk that has
+``seen`` it, its ``parent``, from which it was reached, and the task ``taken`` from it there; the ``queue``; and the
+tasks that an agent may have (``option``)."""
 
 
 @njit(cache=True, nogil=True)
