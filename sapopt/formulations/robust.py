@@ -122,6 +122,26 @@ class RecoverableAssignment:
         object.__setattr__(self, "first", first)
         object.__setattr__(self, "second", second)
 
+    @classmethod
+    def after(cls, previous: Any, benefits: Any, shared: int) -> RecoverableAssignment:
+        """The second stage alone, as in section 1.4 of the thesis: the first assignment is given.
+
+        Parameters
+        ----------
+        previous : array_like of int, shape (n,)
+            The assignment of the first stage.
+        benefits : array_like of shape (n, m) or (scenarios, n, m)
+        shared : int
+            Pairs that the new assignment shares with `previous` at least.
+        """
+        second = np.asarray(benefits, dtype=np.float64)
+        if second.ndim not in (2, 3):
+            raise ValueError(f"benefits must have shape (n, m) or (scenarios, n, m), got {second.shape}")
+        tasks = _assignment(previous, second.shape, "previous")
+        first = np.full(second.shape[-2:], -np.inf)
+        first[np.arange(len(tasks)), tasks] = 0.0
+        return cls(first, second, shared)
+
     def value(self, now: Any, recovered: Sequence[Any]) -> float:
         """Value of a first assignment and its recoveries, one per scenario; ValueError if they share too few pairs."""
         agents = np.arange(self.first.shape[0])

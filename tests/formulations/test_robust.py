@@ -48,6 +48,20 @@ def test_recoverable(shared: int, scenarios: int) -> None:
     assert all((now == y).sum() >= shared for y in recovered)
 
 
+@pytest.mark.parametrize("shared", [0, 1, 2, 3])
+def test_the_second_stage_alone(shared: int) -> None:
+    """With a given first assignment: the best one that shares enough pairs with it, by enumeration."""
+    rng = np.random.default_rng(shared)
+    previous, benefits = rng.permutation(4)[:3], rng.random((3, 4))
+    now, (again,), value = RecoverableAssignment.after(previous, benefits, shared).solve()
+    assert np.array_equal(now, previous)
+    best = max(benefits[np.arange(3), x].sum() for x in rows(3, 4) if (x == previous).sum() >= shared)
+    assert value == pytest.approx(best)
+    assert (again == previous).sum() >= shared
+    with pytest.raises(ValueError, match="previous must hold"):
+        RecoverableAssignment.after([0, 1], benefits, shared)
+
+
 def test_all_shared_is_one_assignment() -> None:
     """With k = n the recovered assignment is the first one: alpha of the sum."""
     rng = np.random.default_rng(0)
