@@ -149,6 +149,8 @@ def _parts(state: Any) -> list[Any] | None:
         return [getattr(state, item.name) for item in dataclasses.fields(state)]
     if isinstance(state, tuple) and type(state) is not tuple:  # a named one: its parts differ in kind
         return list(state)
+    if isinstance(state, (tuple, list)) and any(isinstance(part, np.ndarray) and part.ndim for part in state):
+        return list(state)
     if isinstance(state, (tuple, list)):
         array = np.empty(len(state), dtype=object)
         array[:] = state

@@ -127,6 +127,8 @@ def test_hamming_counts_agents() -> None:
     assert hamming(np.array([1, 2, 3]), np.array([1, 0, 0])) == 2
     assert hamming(np.ones((2, 3)), np.zeros((2, 3))) == 2
     assert hamming((1, 2), (1, 3)) == 1
+    assert hamming((np.array([1, 2]), 6), (np.array([1, 3]), 6)) == 1
+    assert hamming((np.array([1, 2]), 6), (np.array([1, 3]), 7)) == 2
     assert hamming(None, np.array([1, 2])) == 2
     assert hamming(None, None) == 0
     assert hamming(4, 5) == 1
