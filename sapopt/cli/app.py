@@ -91,7 +91,7 @@ Cost = Annotated[
     float | None, typer.Option(min=0.0, help="Handover cost of a built-in instance, instead of its own.")
 ]
 TimeLimit = Annotated[
-    float | None, typer.Option(help="Seconds for each solver and bound; the best so far is kept.")
+    float | None, typer.Option(help="Seconds for each solver and bound; then the best so far is returned.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Write JSON to stdout, and nothing else.")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for JSON, npz and PNG files.")]

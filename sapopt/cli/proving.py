@@ -119,7 +119,8 @@ def verify(
     instance: Annotated[
         str | None,
         typer.Argument(
-            metavar="[INSTANCE]", help="The problem; left out, the built-in instances of that size are tried."
+            metavar="[INSTANCE]",
+            help="The problem; by default the built-in instances of that size are tried.",
         ),
     ] = None,
     seed: Seed = 0,

@@ -43,19 +43,19 @@ def report(
         str | None,
         typer.Argument(
             metavar="[INSTANCE]",
-            help="The problem, a name or a file; left out, the one the result was made of.",
+            help="The problem, a name or a file; by default the one that the result belongs to.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="FILE", help="The page to write.")] = Path("report.html"),
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of a built-in instance, if not the result's.")
+        int | None, typer.Option(min=0, help="Seed of a built-in instance, if it is not that of the result.")
     ] = None,
     cost: Cost = None,
     time_limit: Annotated[
-        float, typer.Option(help="Seconds for a proof of the bound, if the result brings none.")
+        float, typer.Option(help="Seconds for the proof of a bound, if the result has none.")
     ] = _PROOF_SECONDS,
     with_bound: Annotated[
-        bool, typer.Option("--bound/--no-bound", help="Also prove a bound, if the result brings none.")
+        bool, typer.Option("--bound/--no-bound", help="Also prove a bound if the result has none.")
     ] = True,
     as_json: AsJson = False,
     force: Force = False,

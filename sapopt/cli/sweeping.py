@@ -23,17 +23,20 @@ def sweep(
     ],
     cluster: Annotated[
         str | None,
-        typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler; else processes of this machine."),
+        typer.Option(
+            metavar="tcp://HOST:PORT", help="A Dask scheduler; by default processes on this machine."
+        ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes, without a cluster; one a core by default.")
+        int | None,
+        typer.Option(min=1, help="Number of processes if there is no cluster; one for each core by default."),
     ] = None,
     as_json: AsJson = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the results, instead of the file's `out`.")
     ] = None,
 ) -> None:
-    """Run instances x seeds x solvers. Finished jobs land in a folder at once, and are skipped the next time."""
+    """Run every solver on every instance with every seed. Finished jobs are saved at once and skipped the next time."""
     from sapopt.sweeps import Finished, read_config, run_jobs, solve_job
 
     plan = read_config(config)

@@ -27,7 +27,10 @@ def train_reda(
     ] = "power",
     out: Annotated[
         Path,
-        typer.Option(metavar="DIR", help="Folder for checkpoint, log and weights; a run goes on from there."),
+        typer.Option(
+            metavar="DIR",
+            help="Folder for checkpoint, log and weights; an ended run continues from it.",
+        ),
     ] = Path("reda"),
     episodes: Annotated[int, typer.Option(help="Episodes to play.")] = 400,
     gradient_steps: Annotated[int, typer.Option(help="Gradient steps after every episode.")] = 20,

@@ -333,7 +333,7 @@ class GrowingProgramme:
         return -np.asarray(self._solver.getSolution().row_dual, dtype=np.float64)
 
     def solve(self, stop: Callable[[], bool] = lambda: False, iterations: int | None = None) -> bool:
-        """Solve, or take a number of simplex steps. Returns False if ``stop()`` came true before the end.
+        """Solve, or take a number of simplex steps. Returns False if ``stop()`` was true before the end.
 
         The simplex method goes on from where a time limit interrupted it, so the clock is looked at between slices of
         time, each as long as all before it: a callback at every step would cost a seventh of the time, and a slice of

@@ -73,7 +73,7 @@ class HAAL:
     (from L = 15 on with 324 agents, from L = 11 on with 10 000), for other dynamics, and where an idle agent finds no
     task, the search runs in Python, with the same result.
 
-    Equal sequences: the one with the shortest first interval, then the shortest second one, and so on.
+    Of equal sequences the one with the shortest first interval is taken, then with the shortest second one, and so on.
 
     Parameters
     ----------

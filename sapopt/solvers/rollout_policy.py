@@ -1,7 +1,7 @@
-"""Rollouts of a policy: try several first assignments, play each on by one policy, execute the best.
+"""Rollouts of a policy: try several first assignments, continue each with one policy, and execute the best.
 
-So any policy gets a look ahead that it did not have, and any policy with a look ahead (HAAL, the dual lookahead) a
-future after its window: the one that the base policy would make of the state that it leaves.
+A policy without a lookahead gets one in this way. A policy with a lookahead (HAAL, the dual lookahead) gets a future
+after its window: what the base policy would earn from the state in which the window ends.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from sapopt.solvers.base import check_lookahead
 
 @dataclass(frozen=True)
 class RolloutPolicy:
-    """At every step: ask all policies, play each answer on by `base`, execute the answer that earned most.
+    """At every step ask all policies, continue each answer with `base`, and execute the answer that earned most.
 
     Parameters
     ----------
     base : Policy
-        Plays on; its own answer is among those tried. In a rollout it begins without a memory of earlier steps.
+        Continues every answer; its own is among those tried. In a rollout it has no memory of earlier steps.
     candidates : sequence of Policy
-        Who else is asked, for example ``HAAL(3)`` or ``DualLookahead(3)``.
+        The other policies that are asked, for example ``HAAL(3)`` or ``DualLookahead(3)``.
     steps : int, optional
-        How many steps are played on; all that are known if omitted. A rollout costs as many steps of `base`, once
-        for every distinct answer.
+        Length of a rollout; all steps that are known if omitted. It takes so many steps of `base` for every
+        distinct answer.
 
     Notes
     -----
     If the benefits are known, `base` is deterministic and decides from the outlook alone, and rollouts go to the end,
-    the plan is worth at least that of `base`: what the last rollout promised is tried again at every step (Bertsekas,
-    *Rollout, Policy Iteration, and Distributed Reinforcement Learning*, 2020, section 2.3). Short rollouts promise
+    the plan is worth at least that of `base`: the best rollout so far is tried again at every step (Bertsekas,
+    *Rollout, Policy Iteration, and Distributed Reinforcement Learning*, 2020, section 2.3). Short rollouts guarantee
     nothing.
 
     Examples

@@ -65,10 +65,10 @@ class Battery(Model):
     drain, charge, capacity : float
         Charge taken by a step of work, added by a step without, and at most stored.
     pay_for : {"moves", "entries"}
-        What costs. "moves" is the rule of the papers: a change of task, if the new task has positive benefit at that
-        step. An agent that idles on a task before it is worth anything has moved there for free, and starts to work on
-        it without paying. "entries": every start of work, that is, working on a task on which the agent did not work at
-        the previous step, wherever it idled.
+        What is charged. "moves", the rule of the papers: a change of task, if the new task has positive benefit at that
+        step. An agent can then take a task for free before it is worth anything, and begin to work on it without
+        paying. "entries", a set-up cost: every start of work, that is, working on a task on which the agent did not
+        work at the previous step, wherever it was idle.
     initial_charge : float or array_like of shape (n,), optional
         Charge before the first step, `capacity` if omitted.
 

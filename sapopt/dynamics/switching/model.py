@@ -26,8 +26,8 @@ Held = IntArray | None
 class SwitchingCost(Model):
     """Charge every change of task (thesis, section 4.2: eta(s)_ij = -cost unless agent i held task j).
 
-    A subclass that changes the rule is a rule of its own, which nothing said here is believed of: solvers then take the
-    generic way, and bounds ask for a ``local_model`` of that rule.
+    A subclass that changes the rule is a rule of its own. Nothing that this class says beyond its rule is believed of
+    it: solvers take the generic way, and bounds need a ``local_model`` of the new rule.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Which entries a near-optimal path may use: the regret of every (step, agent, task) at given prices.
+"""Which entries a near-optimal path may use: the reduced cost of every (step, agent, task) at given prices.
 
-The regret of an entry is what the agent's best path loses when it must hold that task at that step. Under log-sum-exp
-smoothing an entry of regret r has weight exp(-r / temperature) at most, so far fewer entries matter than are seen once
-the prices are good and the temperature is low.
+The reduced cost of an entry is what the agent's best path loses when it must hold that task at that step. Under
+log-sum-exp smoothing an entry of reduced cost r has weight exp(-r / temperature) at most. So once the prices are good
+and the temperature is low, far fewer entries matter than are seen.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -47,7 +47,7 @@ def narrow_scratch(T: int, slots: int) -> tuple[NarrowScratch]:
 
 @njit(cache=True, nogil=True)
 def near_entries(begin, end, window, slots, prices, waiting, regret, near, scratch):
-    """Mark in `near` (entries,) the entries of regret at most `regret` under the strict rule, and the negative ones.
+    """Mark in `near` (entries,) those of reduced cost at most `regret` under the strict rule, and the negative ones.
 
     The best path through slot s at step k is worth the best way there plus the best way on, ``now[s] + after[k, s]``:
     the first from the recursion of `strict_paths`, the second from its mirror image backwards in time.

@@ -33,11 +33,11 @@ class NarrowingOracle(SoftPathOracle, Protocol):
 
 
 _REACH = 15.0
-"""Regret, in temperatures, up to which an entry stays in a narrowed oracle: a weight of 3e-7, and room for the prices
-to move in."""
+"""Reduced cost, in temperatures, up to which an entry stays in a narrowed oracle: a weight of 3e-7, and room for the
+prices to move in."""
 
 _WORTHWHILE = 2.0
-"""Regret, in typical benefits, above which hardly anything could be left out."""
+"""Reduced cost, in typical benefits, above which hardly anything could be left out."""
 
 _NARROW = _WORTHWHILE / _REACH
 """Relative temperature from which on entries are left out."""

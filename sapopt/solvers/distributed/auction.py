@@ -218,7 +218,7 @@ class DistributedAuction(Talks):
     epsilon : float
         Least raise of a bid. Smaller is better and takes more rounds.
     graph : networkx graph, sequence of T of them, or None
-        Who hears whom, nodes ``0 .. n - 1``; None: everyone hears everyone.
+        Which agents hear each other, nodes ``0 .. n - 1``; None: all of them do.
     scaling : float, optional
         Hold the auction for a coarse epsilon first and divide it by this factor (above 1; 4 is usual) until `epsilon`
         is reached. Pays where `epsilon` is small against the benefits. Needs connected graphs.

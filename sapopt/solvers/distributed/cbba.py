@@ -46,7 +46,7 @@ class CBBA(Talks):
     lookahead : int
         L >= 1, the length of the bundles; the window at step k is ``k .. min(k + L, T) - 1``.
     graph : networkx graph, sequence of T of them, or None
-        Who hears whom, nodes ``0 .. n - 1``; None: everyone hears everyone.
+        Which agents hear each other, nodes ``0 .. n - 1``; None: all of them do.
     allow_disconnected : bool
         Let the parts of a disconnected graph assign the tasks they keep, see `sapopt.solvers.distributed.common`.
     faults : Faults, optional

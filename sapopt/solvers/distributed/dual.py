@@ -55,7 +55,7 @@ class DistributedDualLookahead(Talks):
     epsilon : float
         Least raise of a bid in the auction of the current step.
     graph : networkx graph, sequence of T of them, or None
-        Who hears whom, nodes ``0 .. n - 1``; None: everyone hears everyone.
+        Which agents hear each other, nodes ``0 .. n - 1``; None: all of them do.
     iterations : int
         Price rounds at every step.
     hops : int

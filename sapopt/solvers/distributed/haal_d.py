@@ -104,7 +104,7 @@ class HAALD(Talks):
     epsilon : float
         Least raise of a bid; every interval's assignment is within ``n * epsilon`` of its best.
     graph : networkx graph, sequence of T of them, or None
-        Who hears whom, nodes ``0 .. n - 1``; None: everyone hears everyone.
+        Which agents hear each other, nodes ``0 .. n - 1``; None: all of them do.
     knowledge : {"own", "all"}
         What agents know of benefits and handovers (thesis, section 3.5). "own": their own; the values of the sequences
         are exchanged, which takes a diameter of rounds. "all": everything, so that each evaluates the sequences itself.

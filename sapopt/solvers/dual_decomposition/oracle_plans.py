@@ -112,7 +112,7 @@ def plan_by_first_values(
     Returns
     -------
     (T, n) array
-        None when ``stop()`` came true, or if the oracle cannot value first tasks.
+        None if ``stop()`` ended it, or the oracle cannot value first tasks.
     """
     order = np.arange(problem.m)
     plan = np.zeros((problem.T, problem.n), np.int64)

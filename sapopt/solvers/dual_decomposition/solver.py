@@ -46,11 +46,11 @@ _QUIET = 6
 class DualDecomposition:
     """Near-optimal plans for the whole horizon, with a proven bound.
 
-    The prices of the task capacities are ascended until the Lagrangian bound settles. They turn into plans by a rolling
-    assignment with priced futures and by sweeps in which one agent after another takes its best priced path. With a
-    `SwitchingCost`, windows of the best plan are then solved exactly, as network flows restricted to cells whose prices
-    show that a near-optimal plan may use them; with other agent-local dynamics (those with a
-    `path_oracle` or `local_model`) the sweeps go on.
+    A dual ascent changes the prices of the task capacities until the Lagrangian bound settles. Plans come from a
+    rolling assignment that values the future by the prices, and from sweeps in which one agent after another takes its
+    best priced path. With a `SwitchingCost`, windows of the best plan are then solved exactly, as network flows over
+    the cells of small reduced cost; with other agent-local dynamics (those with a `path_oracle` or `local_model`) the
+    sweeps go on.
 
     Parameters
     ----------

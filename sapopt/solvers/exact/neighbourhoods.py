@@ -2,7 +2,7 @@
 
 A plan is improved by freeing some agents for all steps, or all agents for some steps, while the rest stays as it
 is. Plans that were improved from different beginnings share their good parts: the best plan over the union of their
-arcs (and those of small regret) is found quickly, and is better than any of them.
+arcs (and those of small reduced cost) is found quickly, and is better than any of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sapopt.solvers.exact.warm import Incumbent
 
 _POOL = 6
 _REACH = 0.002
-"""Largest regret of a column in a neighbourhood, relative to the bound."""
+"""Largest reduced cost of a column in a neighbourhood, relative to the bound."""
 _SMALL, _LARGE = 7, 10
 """Agents or steps that are free in a quick descent, and in a thorough one."""
 
@@ -32,11 +32,11 @@ class Neighbourhoods:
     ----------
     problem : SAP
     form : Form
-        The programme in which plans are improved, with the regrets of its columns.
+        The programme in which plans are improved, with the reduced costs of its columns.
     sample : callable
         ``sample(first) -> plan or None``, the beginning of another plan.
     bound : float
-        Bound that the regrets belong to.
+        Bound that the reduced costs belong to.
     run : Run
         Clock and random numbers.
     note : callable
@@ -126,7 +126,7 @@ class Neighbourhoods:
         return self._solve(keep, best, max(2.0, 0.03 * self.left))
 
     def _mixture(self, pool: list[Incumbent], best: Incumbent) -> Incumbent:
-        """The best plan over the arcs of several plans and those of small regret."""
+        """The best plan over the arcs of several plans and those of small reduced cost."""
         self.began = self.run.seconds
         keep = self._near(1e-4 * self.scale)
         for entry in pool:

@@ -49,7 +49,7 @@ class Exact:
     tolerance : float
         Relative gap at which a plan counts as optimal.
     reduced_costs : bool
-        Whether "network" works with prices at all; without, it is one mixed-integer programme over the whole network.
+        Whether "network" uses prices. If not, it is one mixed-integer programme over the whole network.
 
     Raises
     ------

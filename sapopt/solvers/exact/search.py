@@ -2,8 +2,8 @@
 
 Search over the time-expanded network: prices, reduced-cost fixing, neighbourhoods, and a mixed-integer programme.
 
-With prices that prove the bound D, a plan that uses an arc of regret r is worth at most D - r. So all plans worth
-more than D - delta live on the arcs of regret below delta, a small share of the network if the prices are good. The
+With prices that prove the bound D, a plan that uses an arc of reduced cost r is worth at most D - r. So all plans worth
+more than D - delta use arcs of reduced cost below delta, a small share of the network if the prices are good. The
 search guesses a small delta and solves the rest exactly: either the best plan found is worth at least D - delta,
 and is optimal, or D - delta is a better bound and delta grows, at most to the gap of the incumbent. On large
 problems neighbourhoods of the incumbent (some agents, or all agents in some steps, free) are solved first, over the
@@ -164,7 +164,7 @@ class Search:
         return self.prices.regret <= delta + 1e-7 * max(1.0, abs(self.prices.bound))
 
     def _gap(self) -> float:
-        """All better plans than the incumbent live on arcs of at most this regret."""
+        """All better plans than the incumbent live on arcs of at most this reduced cost."""
         return self.prices.bound - self.state.best.value if self.fix else np.inf
 
     def _stages(self) -> None:
@@ -199,12 +199,12 @@ class Search:
             self._programme(self._gap(), 1.0)
 
     def _fits(self, delta: float) -> bool:
-        """Whether there is time for a programme of the arcs of regret up to `delta`, or no other way to a plan."""
+        """Whether there is time for a programme of the arcs of reduced cost up to `delta`, or no other way to plan."""
         most = _ARCS_A_SECOND * self.run.seconds_left
         return self.state.best.plan is None or int(self._within(delta).sum()) <= most
 
     def _programme(self, delta: float, share: float) -> bool:
-        """Solve the arcs of regret up to `delta` in a share of the time that is left once they are written down.
+        """Solve the arcs of reduced cost up to `delta` in a share of the time that is left once they are written down.
 
         Returns whether the search came to its end.
         """

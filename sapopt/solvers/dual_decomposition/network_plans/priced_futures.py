@@ -82,7 +82,7 @@ def plan_by_futures(
     block: int = 10,
     reprice: Callable[[int, IntArray, FloatArray], FloatArray] | None = None,
 ) -> IntArray | None:
-    """Return the plan of the rolling assignment, or None when ``stop()`` came true.
+    """Return the plan of the rolling assignment, or None if ``stop()`` ended it.
 
     Parameters
     ----------

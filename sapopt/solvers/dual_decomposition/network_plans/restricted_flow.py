@@ -1,9 +1,9 @@
 """The part of the time-expanded network that near-optimal plans use, solved exactly.
 
-Good prices tell for every agent how much is lost, at least, when its path runs through a cell or along an arc (its
-*regret*: best path minus best path through it). Few cells have a small regret. The network of these cells, together
-with those of the incumbent, is a multi-commodity flow that HiGHS solves to optimality; since the Lagrangian bound and
-the relaxation of this flow agree, it is nearly integral.
+With good prices one knows for every agent how much is lost, at least, if its path runs through a cell or along an arc:
+its *reduced cost*, the best path minus the best path through it. Few cells have a small reduced cost. The network of
+these cells, together with those of the incumbent, is a multi-commodity flow that HiGHS solves to optimality. Since the
+Lagrangian bound and the relaxation of this flow agree, it is nearly integral.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _grown(array):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def near_optimal(rows, agents, plan, prices, initial, first, last, until, regret, parking, limit):  # type: ignore[no-untyped-def]
-    """Return the cells and arcs of regret at most ``regret`` and those of ``plan``.
+    """Return the cells and arcs of reduced cost at most ``regret`` and those of ``plan``.
 
     Cells are listed agent by agent and step by step: (agent, step, task); arcs: (tail, head, value), where a tail of -1
     is the start of an agent's path. ``parking`` (len(agents), r) lists tasks that an agent may use without seeing them.
@@ -207,7 +207,7 @@ def restricted_flow(
     limit: int = 2**62,
     until: int | None = None,
 ) -> RestrictedFlow:
-    """Return the network of the cells of small regret for ``agents`` in the window; the other agents keep their cells.
+    """Return the network of the cells of small reduced cost for ``agents`` in the window; the others keep their cells.
 
     Parameters
     ----------

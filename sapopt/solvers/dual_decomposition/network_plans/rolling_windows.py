@@ -25,7 +25,7 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
 from sapopt.solvers.dual_decomposition.network_plans.window_search import parking_tasks, typical_benefit
 
 _REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25)
-"""Ladder of regrets, in typical benefits: far larger than in `window_search`, since agents here leave their paths."""
+"""Ladder of reduced costs, in typical benefits; far larger than in `window_search`, since agents leave their paths."""
 
 _LONGEST, _SHORTEST = 12, 4
 """Steps of a window, of which the first half are kept."""
@@ -69,7 +69,7 @@ def rolling_windows(
     seconds: float = math.inf,
     stop: Callable[[], object] = lambda: False,
 ) -> IntArray | None:
-    """Return the plan of the rolling windows, or None when ``stop()`` came true or the time was too short.
+    """Return the plan of the rolling windows, or None if ``stop()`` or the end of the time came first.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def rolling_windows(
 def _fitting_flow(
     arrays: Arrays, plan: IntArray, prices: FloatArray, first: int, last: int, rng: np.random.Generator
 ) -> RestrictedFlow:
-    """The network of all agents in a window with the largest regret that fits, or else the smallest."""
+    """The network of all agents in a window with the largest reduced cost that fits, or else the smallest."""
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
     scale = typical_benefit(arrays, 0, arrays.steps)

@@ -27,7 +27,7 @@ def plan_by_first_rows(
     iterations: int = 0,
     seconds: Callable[[int], float] = lambda k: np.inf,
 ) -> IntArray | None:
-    """Return the plan (T, n) of the rolling assignment, or None when ``stop()`` came true.
+    """Return the plan (T, n) of the rolling assignment, or None if ``stop()`` ended it.
 
     Parameters
     ----------

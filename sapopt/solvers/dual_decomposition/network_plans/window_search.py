@@ -20,10 +20,10 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
 )
 
 _REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
-"""Ladder of regrets, in typical benefits. Long windows with small regrets pay more than short ones with large."""
+"""Ladder of reduced costs, in typical benefits. Long windows with small ones gain more than short ones with large."""
 
 _GROUP_REGRET = 0.18
-"""Where all agents' network does not fit at this regret, they are split into groups."""
+"""Where all agents' network does not fit at this reduced cost, they are split into groups."""
 
 _SMALL_PROBLEM = 6
 """Tasks up to which an agent may wait on any task."""
@@ -41,7 +41,7 @@ class Effort:
     length : int
         Steps of a window.
     arcs : int
-        Size of a network: the regret shrinks, and then the agents are split into groups, until it fits.
+        Size of a network: the reduced cost shrinks, and then the agents are split into groups, until it fits.
     parking : int
         Random tasks that each agent may use without seeing them.
     """
@@ -127,7 +127,7 @@ def _improve_window(
 
 
 def typical_benefit(arrays: Arrays, first: int, last: int) -> float:
-    """Return the typical benefit of the window, the unit of regrets."""
+    """Return the typical benefit of the window, the unit of reduced costs."""
     data = arrays.data[arrays.indptr[first * arrays.agents] : arrays.indptr[last * arrays.agents]]
     data = data[np.isfinite(data)]
     typical = float(np.abs(data).mean()) if len(data) else 0.0
@@ -156,7 +156,7 @@ def _fitting(
     parking: IntArray,
     arcs: int,
 ) -> RestrictedFlow:
-    """Return the network with the largest regret of the ladder that has at most ``arcs`` arcs, or else the smallest."""
+    """Return the network of the largest reduced cost that has at most ``arcs`` arcs, or else of the smallest."""
     everything = arrays.tasks <= _SMALL_PROBLEM and len(agents) * (last - first) * arrays.tasks**2 <= arcs
     ladder = (math.inf,) if everything else _REGRETS
     for regret in ladder[:-1]:
