@@ -23,6 +23,7 @@ from sapopt.solvers import Greedy
 SMALL: dict[str, dict[str, Any]] = {
     "attitude": {"steps": 4, "tasks": 40, "planes": 4, "per_plane": 6, "altitude_km": 1200.0},
     "constellation-large": {"steps": 2},
+    "constellation-large-thesis": {"steps": 2},
     "constellation-mid": {"steps": 3},
     "constellation-shells": {"steps": 2},
     "constellation-toy": {"steps": 5},
@@ -30,13 +31,16 @@ SMALL: dict[str, dict[str, Any]] = {
     "earth-coverage": {"steps": 3},
     "earth-coverage-thesis": {"steps": 3},
     "interference": {"steps": 3, "tasks": 40, "planes": 4, "per_plane": 6},
+    "multi-beam-us": {"steps": 3, "beams": 2},
     "multi-beam": {"steps": 3, "tasks": 150, "beams": 2},
     "power": {"steps": 3},
     "power-1008": {"steps": 2},
     "power-4225": {"steps": 2},
+    "power-4425": {"steps": 2},
     "ride-hailing": {"drivers": 4, "requests": 20, "steps": 8, "width": 5},
     "starlink": {"steps": 2},
     "tracking": {"steps": 4, "planes": 12, "resolution": 2},
+    "tracking-thesis": {"steps": 4, "planes": 12, "resolution": 2},
     "unit-commitment": {"units": 6, "steps": 8},
 }
 """Options that make them small enough for a test, where there are such options."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +17,8 @@ from sapopt.solvers.names import nearest
 
 train_app = typer.Typer(help="Train a learned policy.", no_args_is_help=True)
 app.add_typer(train_app, name="train")
+
+_PRE = "Default: the preset's."
 
 GUIDES = ("auto", "myopic", "power_constrained", "energy_price")
 
@@ -32,25 +35,56 @@ def train_reda(
             help="Folder for checkpoint, log and weights; an ended run continues from it.",
         ),
     ] = Path("reda"),
+    preset: Annotated[
+        Literal["default", "thesis"],
+        typer.Option(help="Options to start from: the library's, or those of Algorithm 4 of the thesis."),
+    ] = "default",
+    observation: Annotated[
+        Literal["auto", "published", "thesis"],
+        typer.Option(
+            help="What agents see: as in the published code, or as in the thesis; auto: by the preset."
+        ),
+    ] = "auto",
+    see: Annotated[int, typer.Option(min=1, help="Steps whose benefits agents see.")] = 3,
+    choose: Annotated[
+        Literal["alpha", "self"],
+        typer.Option(help="Who chooses: alpha of the values (REDA), or agents (IQL)."),
+    ] = "alpha",
     episodes: Annotated[int, typer.Option(help="Episodes to play.")] = 400,
-    gradient_steps: Annotated[int, typer.Option(help="Gradient steps after every episode.")] = 20,
-    stretches: Annotated[int, typer.Option(help="Stretches of episodes in a batch.")] = 2,
-    stretch: Annotated[int, typer.Option(help="Steps, of all agents, in a stretch.")] = 10,
-    trace: Annotated[float, typer.Option(help="Lambda of the returns along a stretch; 0: one step.")] = 0.9,
-    discount: Annotated[float, typer.Option(help="Discount of later rewards.")] = 0.97,
-    memory: Annotated[int, typer.Option(help="Episodes remembered.")] = 100,
+    gradient_steps: Annotated[
+        int | None, typer.Option(help=f"Gradient steps after an episode (or step). {_PRE}")
+    ] = None,
+    stretches: Annotated[int | None, typer.Option(help=f"Stretches of episodes in a batch. {_PRE}")] = None,
+    stretch: Annotated[int | None, typer.Option(help=f"Steps, of all agents, in a stretch. {_PRE}")] = None,
+    trace: Annotated[
+        float | None, typer.Option(help=f"Lambda of the returns along a stretch; 0: one step. {_PRE}")
+    ] = None,
+    learning_rate: Annotated[float | None, typer.Option(help=f"Learning rate. {_PRE}")] = None,
+    soft_target: Annotated[
+        float | None, typer.Option(help=f"Share of the weights that the target takes over. {_PRE}")
+    ] = None,
+    discount: Annotated[float | None, typer.Option(help=f"Discount of later rewards. {_PRE}")] = None,
+    memory: Annotated[int | None, typer.Option(help=f"Episodes remembered. {_PRE}")] = None,
     explore: Annotated[
-        float, typer.Option(help="Share of the episodes over which exploration falls to 0.")
-    ] = 0.6,
-    noise: Annotated[float, typer.Option(help="Perturbation of the values, in parts of epsilon.")] = 0.1,
+        float | None, typer.Option(help=f"Share of the episodes over which exploration falls to 0. {_PRE}")
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option(help=f"Perturbation of the values, in parts of epsilon. {_PRE}")
+    ] = None,
     standardise: Annotated[
-        Literal["agent", "common", "none"], typer.Option(help="How rewards are brought to one scale.")
-    ] = "common",
+        Literal["agent", "common", "none"] | None,
+        typer.Option(help=f"How rewards are brought to one scale. {_PRE}"),
+    ] = None,
+    hidden: Annotated[
+        str | None,
+        typer.Option(help="Sizes of the hidden layers, as 64,64; none: values linear in what is seen."),
+    ] = None,
     guide: Annotated[
         str, typer.Option(help=f"Policy that guides exploration: {', '.join(GUIDES)}.")
     ] = "auto",
     evaluate_every: Annotated[int, typer.Option(help="Episodes between evaluations.")] = 20,
     evaluations: Annotated[int, typer.Option(help="Fresh episodes in every evaluation.")] = 2,
+    checkpoint_every: Annotated[int, typer.Option(help="Episodes between checkpoints.")] = 20,
     threads: Annotated[
         int, typer.Option(min=1, help="Threads of torch; 1 gives the same weights anywhere.")
     ] = 1,
@@ -76,12 +110,20 @@ def train_reda(
     first = build(instance, seed)
     has_charge = first.model.charge_of(first.initial_state()) is not None
     if guide == "auto":
-        guide = "power_constrained" if has_charge else "myopic"
-    options = learning.TrainOptions(
-        episodes=episodes, gradient_steps=gradient_steps, stretches=stretches, stretch=stretch,
-        trace=trace, discount=discount, memory=memory, explore=explore, noise=noise,
-        standardise=standardise, evaluate_every=evaluate_every, evaluations=evaluations, threads=threads, seed=seed,
-        spec=learning.ObservationSpec(charge=has_charge),
+        guide = "power_constrained" if has_charge and preset == "default" else "myopic"
+    given: dict[str, Any] = {
+        "gradient_steps": gradient_steps, "stretches": stretches, "stretch": stretch, "trace": trace,
+        "learning_rate": learning_rate, "soft_target": soft_target, "discount": discount, "memory": memory,
+        "explore": explore, "noise": noise, "standardise": standardise,
+        "hidden": None if hidden is None else _sizes(hidden),
+    }  # fmt: skip
+    by_text = observation == "thesis" or (observation == "auto" and preset == "thesis")
+    seen: Any = learning.ThesisObservation if by_text else learning.ObservationSpec
+    make = learning.TrainOptions.thesis if preset == "thesis" else learning.TrainOptions
+    options = make(
+        episodes=episodes, evaluate_every=evaluate_every, evaluations=evaluations, threads=threads, seed=seed,
+        choose=choose, checkpoint_every=checkpoint_every, spec=seen(steps=see, charge=has_charge),
+        **{name: value for name, value in given.items() if value is not None},
     )  # fmt: skip
     policy = solvers.AssignmentPolicy(getattr(solvers, guide))
     with Reporter() as reporter, work.watched(f"training REDA on {instance}", reporter) as (phase, callback):
@@ -96,6 +138,7 @@ def train_reda(
         "value": training.value,
         "seconds": run.seconds,
         "environment": show.environment(),
+        "command": " ".join(["sapopt", *sys.argv[1:]]),
     }
     learning.save_network(training.network, weights, report)
     report["weights"] = str(weights)
@@ -105,3 +148,13 @@ def train_reda(
         print(f"{weights}: best of the evaluations {training.value:,.1f}, after {training.episodes} episodes")
     if run.stopped:
         raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _sizes(text: str) -> tuple[int, ...]:
+    """Sizes of hidden layers from ``"64,64"`` or ``"none"``."""
+    if text.strip().lower() == "none":
+        return ()
+    sizes = [part.strip() for part in text.split(",")]
+    if not all(part.isdigit() and int(part) > 0 for part in sizes):
+        raise ValueError(f"--hidden must be whole numbers such as 64,64, or none; got {text!r}")
+    return tuple(map(int, sizes))

@@ -153,13 +153,27 @@ def _mid(seed: int, steps: int = 93, tasks: int = 450, earth: Any = "still", j2:
 
 @register(
     "constellation-large",
-    "1000 satellites (40 x 25 at 70 deg, 550 km), 812 even tasks, 188 of zero benefit, 93 minutes; Holder 2024, 4.2.2",
+    "1000 satellites (40 x 25 at 70 deg, 550 km), 812 even tasks to 80 deg, 188 of zero benefit, 93 minutes",
     (93, 1000, 1000),
 )
 def _large(seed: int, steps: int = 93, earth: Any = "still", j2: bool = False) -> Scenario:
     from sapopt.domains import constellation as c
 
     tasks = c.even_tasks(seed=seed)
+    return c.walker_constellation(
+        c.WalkerShell(40, 25, 70.0, 550.0), tasks.with_idle_tasks(1000 - tasks.m), steps, earth=earth, j2=j2
+    )
+
+
+@register(
+    "constellation-large-thesis",
+    "1000 satellites (40 x 25 at 70 deg), 812 tasks on rings within 70 deg, 188 of zero benefit; Holder 2024, 4.2.2",
+    (93, 1000, 1000),
+)
+def _large_thesis(seed: int, steps: int = 93, earth: Any = "still", j2: bool = False) -> Scenario:
+    from sapopt.domains import constellation as c
+
+    tasks = c.ring_tasks(seed=seed)
     return c.walker_constellation(
         c.WalkerShell(40, 25, 70.0, 550.0), tasks.with_idle_tasks(1000 - tasks.m), steps, earth=earth, j2=j2
     )
@@ -271,7 +285,7 @@ def _power_1008(
 
 @register(
     "power-4225",
-    "4225 satellites on batteries in five Starlink shells, 4225 random tasks, 100 steps; the size of Holder 2024, 6.5",
+    "4225 satellites on batteries in five Starlink shells (licence of 2021), 4225 random tasks, 100 steps",
     (100, 4225, 4225),
 )
 def _power_4225(
@@ -281,6 +295,20 @@ def _power_4225(
     from sapopt.domains.power import power_constellation
 
     return power_constellation(STARLINK_SHELLS_4225, tasks, steps, seed, earth=earth, pay_for=pay_for)
+
+
+@register(
+    "power-4425",
+    "4425 satellites on batteries in five shells of 510 to 725 km, 4425 random tasks, 100 steps; Holder 2024, 6.5",
+    (100, 4425, 4425),
+)
+def _power_4425(
+    seed: int, steps: int = 100, tasks: int = 4425, earth: Any = "still", pay_for: Any = "moves"
+) -> Scenario:
+    from sapopt.domains.constellation import STARLINK_SHELLS_2019
+    from sapopt.domains.power import power_constellation
+
+    return power_constellation(STARLINK_SHELLS_2019, tasks, steps, seed, earth=earth, pay_for=pay_for)
 
 
 @register(
@@ -330,7 +358,7 @@ def _unit_commitment(seed: int, units: int = 40, steps: int = 48) -> Scenario:
 
 @register(
     "multi-beam",
-    "36 satellites with 10 beams each (6 x 6 at 58 deg, 550 km), 1200 random tasks, 93 minutes; Holder 2024, 4.4",
+    "36 satellites with 10 beams each (6 x 6 at 58 deg, 550 km), 1200 random tasks on the whole Earth, 93 minutes",
     (93, 360, 1560),
 )
 def _multi_beam(
@@ -343,7 +371,7 @@ def _multi_beam(
 
 @register(
     "tracking",
-    "satellites that track objects over 633 hexagons of the US, 2 observers each, 93 minutes; Holder 2024, 4.3",
+    "satellites that track objects over 633 hexagons of the US, 2 observers each, 93 minutes; after Holder 2024, 4.3",
     (93, 575, 1841),
     cost=0.0,
 )
@@ -358,6 +386,43 @@ def _tracking(
     from sapopt.domains.tracking import tracking
 
     return tracking(
+        seed,
+        steps=steps,
+        planes=planes,
+        per_plane=per_plane,
+        resolution=resolution,
+        arrivals_per_step=arrivals,
+    )
+
+
+@register(
+    "multi-beam-us",
+    "satellites (12 x 12 at 58 deg) that pass the US, 10 beams each, 633 tasks over the US; Holder 2024, 4.4",
+    (93, 840, 1473),
+)
+def _multi_beam_us(seed: int, steps: int = 93, beams: int = 10, decay: float = 0.9) -> Scenario:
+    from sapopt.domains.multibeam import multi_beam_us
+
+    return multi_beam_us(seed, steps=steps, beams=beams, decay=decay)
+
+
+@register(
+    "tracking-thesis",
+    "tracking by the numbers of Holder 2024, 4.3: beta_e = 1, beta_t = 10, targets along the grid, eq. 4.3 alone",
+    (93, 575, 1841),
+    cost=0.0,
+)
+def _tracking_thesis(
+    seed: int,
+    steps: int = 93,
+    planes: int = 40,
+    per_plane: int = 25,
+    resolution: int = 3,
+    arrivals: float = 0.6,
+) -> Scenario:
+    from sapopt.domains.tracking import tracking_thesis
+
+    return tracking_thesis(
         seed,
         steps=steps,
         planes=planes,

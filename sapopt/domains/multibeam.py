@@ -80,10 +80,42 @@ def multi_beam(
 ) -> MultiBeam:
     """The built-in scenario: 36 satellites, ten beams each, random tasks, one orbit in steps of a minute.
 
-    The thesis gives ten beams and the decay. The number of satellites and tasks is ours, such that a satellite sees
-    about as many tasks (11) as it has beams.
+    The thesis gives ten beams, the decay, and "a group of satellites over the United States", for which see
+    `multi_beam_us`. Here the tasks lie on the whole Earth, and the numbers of satellites and tasks are ours, such that
+    a satellite sees about as many tasks (11) as it has beams.
     """
     from sapopt.domains import constellation as c
 
     shell = c.WalkerShell(planes, per_plane, inclination_deg, altitude_km)
     return MultiBeam(c.walker_constellation(shell, c.random_tasks(tasks, seed), steps), beams, decay)
+
+
+def multi_beam_us(
+    seed: int = 0,
+    *,
+    steps: int = 93,
+    beams: int = 10,
+    decay: float = 0.9,
+    planes: int = 12,
+    per_plane: int = 12,
+    altitude_km: float = 550.0,
+    inclination_deg: float = 58.0,
+    resolution: int = 3,
+) -> MultiBeam:
+    """Satellites over the United States (Holder 2024, 4.4): one task at the centre of each hexagon of the country.
+
+    Ten beams, a decay of 0.9, priorities uniform on [1, 2] are the thesis'. Ours are the constellation, of which the
+    satellites that never see the United States are left out, and the 633 tasks.
+    """
+    import numpy as np
+
+    from sapopt.domains import constellation as c
+    from sapopt.domains.tracking import us_regions
+
+    regions = us_regions(resolution)
+    priority = np.random.default_rng(seed).uniform(1.0, 2.0, len(regions))
+    places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, priority)
+    every = c.walker_constellation(
+        c.WalkerShell(planes, per_plane, inclination_deg, altitude_km), places, steps
+    )
+    return MultiBeam(every.only_seeing(), beams, decay)

@@ -9,10 +9,15 @@ from sapopt.data.types import IntArray
 from sapopt.learning.observation_kernels import place_idle
 
 
-def legal(listed: IntArray) -> NDArray[np.bool_]:
-    """Mask (n, M + 1) of the outputs an agent may choose: the tasks it lists, and idling, which is always allowed."""
-    n = len(listed)
-    return np.concatenate([listed >= 0, np.ones((n, 1), bool)], axis=1)
+def legal(listed: IntArray, m: int | None = None) -> NDArray[np.bool_]:
+    """Mask (n, M + 1) of the outputs an agent may choose: the tasks it lists, and any other task.
+
+    Given the number of tasks `m`, an agent that lists all of them has no other, and must choose one of its list.
+    """
+    others = np.ones((len(listed), 1), bool)
+    if m is not None:
+        others = (listed >= 0).sum(axis=1, keepdims=True) < m
+    return np.concatenate([listed >= 0, others], axis=1)
 
 
 def tasks_of(choices: IntArray, listed: IntArray, m: int) -> IntArray:

@@ -124,7 +124,7 @@ def train_coma(
             if episode // options.checkpoint_every > before // options.checkpoint_every:
                 save()
     save()
-    return Training(best, best_value, episode)
+    return Training(best, best_value, episode, actor)
 
 
 def _critic(options: COMAOptions, n: int) -> torch.nn.Module:

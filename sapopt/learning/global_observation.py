@@ -20,8 +20,10 @@ class GlobalSpec:
 
     Parameters
     ----------
-    states, agents, tasks, horizon : int
+    states, agents, tasks : int
         How many there are of each. The state must be a whole number in ``0 .. states - 1``, as that of `Dictator`.
+    horizon : int
+        Number of steps; 0: the step is not shown, and agents know the state alone.
     """
 
     states: int = 3
@@ -30,8 +32,10 @@ class GlobalSpec:
     horizon: int = 10
 
     def __post_init__(self) -> None:
-        for name in ("states", "agents", "tasks", "horizon"):
+        for name in ("states", "agents", "tasks"):
             check_lookahead(getattr(self, name), name)
+        if isinstance(self.horizon, bool) or int(self.horizon) != self.horizon or self.horizon < 0:
+            raise ValueError(f"horizon must be a whole number of at least 0, got {self.horizon!r}")
 
     @property
     def size(self) -> int:
@@ -53,7 +57,7 @@ class GlobalSpec:
     ) -> tuple[NDArray[np.float32], IntArray]:
         """Observations of all agents, see `sapopt.learning.observation.Spec`."""
         n, m = benefits.shape[1:]
-        if (n, m) != (self.agents, self.tasks) or step >= self.horizon:
+        if (n, m) != (self.agents, self.tasks) or 0 < self.horizon <= step:
             raise ValueError(
                 f"this observation is for {self.agents} agents, {self.tasks} tasks and {self.horizon} steps, "
                 f"not for {n}, {m} and step {step}"
@@ -63,5 +67,6 @@ class GlobalSpec:
         out = np.zeros((n, self.size), np.float32)
         out[:, int(state)] = 1.0
         out[np.arange(n), self.states + np.arange(n)] = 1.0
-        out[:, self.states + self.agents + step] = 1.0
+        if self.horizon:
+            out[:, self.states + self.agents + step] = 1.0
         return out, np.tile(np.arange(m), (n, 1))

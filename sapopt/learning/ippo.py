@@ -137,7 +137,7 @@ def train_ippo(
             if done % options.checkpoint_every == 0:
                 save()
     save()
-    return Training(best, best_value, done)
+    return Training(best, best_value, done, actor)
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, discount: float, trace: float) -> np.ndarray:

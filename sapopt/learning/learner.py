@@ -27,7 +27,7 @@ def assigned(q: np.ndarray, listed: IntArray, m: int) -> IntArray:
 
 def own_choice(q: np.ndarray, listed: IntArray, m: int) -> IntArray:
     """Tasks (n,) where every agent takes what it values most: IQL. A task may have several holders."""
-    return tasks_of(np.where(legal(listed), q, -np.inf).argmax(axis=1), listed, m)
+    return tasks_of(np.where(legal(listed, m), q, -np.inf).argmax(axis=1), listed, m)
 
 
 class Learner:

@@ -63,7 +63,7 @@ def sample_episode(
     rows: list[tuple[np.ndarray, np.ndarray, IntArray, IntArray, FloatArray]] = []
     while not env.done:
         seen, listed = env.observe(actor.spec)
-        mask = legal(listed)
+        mask = legal(listed, problem.m)
         logits = np.where(mask, actor.values(seen).astype(np.float64), -np.inf)
         if rng is not None:
             flat = np.where(mask, 0.0, -np.inf)

@@ -30,11 +30,14 @@ class Training:
         Their mean value in that evaluation.
     episodes : int
         Episodes played.
+    last : Network
+        The weights at the end.
     """
 
     network: Network
     value: float
     episodes: int
+    last: Network
 
 
 def train(
@@ -91,4 +94,4 @@ def _train(problems: Problems, guide: Policy, options: TrainOptions, folder: Pat
     save_checkpoint(path, learner.checkpoint(), about)
     if not np.isfinite(learner.best_value):  # stopped before the first evaluation
         learner.evaluate()
-    return Training(learner.best, learner.best_value, learner.episode)
+    return Training(learner.best, learner.best_value, learner.episode, learner.online)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from sapopt.domains.constellation import GroundTasks, even_tasks, random_tasks
+from sapopt.domains.constellation import GroundTasks, even_tasks, random_tasks, ring_tasks
 from sapopt.domains.constellation.earth import unit_vectors
 
 
@@ -65,6 +65,18 @@ def test_idle_tasks_are_worth_nothing():
     assert (tasks.priority[:812] > 0).all()
 
 
+@pytest.mark.parametrize(("m", "highest", "rings"), [(812, 70.0, 21), (21, 70.0, 21), (50, 30.0, 4)])
+def test_ring_tasks(m, highest, rings):
+    """As many as asked for, the outermost rings at the limit, in proportion to the rings' length, north as south."""
+    tasks = ring_tasks(m, highest, rings)
+    latitudes, counts = np.unique(tasks.latitude_deg, return_counts=True)
+    assert tasks.m == m
+    np.testing.assert_allclose(latitudes, np.linspace(-highest, highest, rings))
+    assert abs(counts - counts[::-1]).max() <= 1
+    length = np.cos(np.radians(latitudes))
+    assert abs(counts - (1 + (m - rings) * length / length.sum())).max() < 1
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -76,6 +88,9 @@ def test_idle_tasks_are_worth_nothing():
         (lambda: even_tasks(0.0), "spacing_deg"),
         (lambda: even_tasks(7.0, 0.0), "max_latitude_deg"),
         (lambda: even_tasks().with_idle_tasks(-1), "count"),
+        (lambda: ring_tasks(10), "m must be"),
+        (lambda: ring_tasks(rings=1), "rings"),
+        (lambda: ring_tasks(max_latitude_deg=90.0), "max_latitude_deg"),
         (lambda: GroundTasks([100.0], [0.0], [1.0]), "exchanged"),
         (lambda: GroundTasks([10.0], [0.0], [-1.0]), "priority must not be negative"),
         (lambda: GroundTasks([10.0, 0.0], [0.0], [1.0]), "longitude_deg"),

@@ -10,10 +10,12 @@ import pytest
 
 from sapopt import SAP, bound, solve
 from sapopt.domains.instances import find_instance, instance, scenario
-from sapopt.domains.tracking import Tracking, moving_objects, tracking, us_regions
+from sapopt.domains.tracking import Tracking, moving_objects, tracking, tracking_thesis, us_regions
 from sapopt.solvers import HAAL, DualLookahead, NoHandover
 
-SMALL = tracking(3, steps=10, planes=8, per_plane=10, resolution=2, arrivals_per_step=0.4)
+SIZES = {"steps": 10, "planes": 8, "per_plane": 10, "resolution": 2, "arrivals_per_step": 0.4}
+SMALL = tracking(3, **SIZES)
+LETTER = tracking_thesis(3, **SIZES)
 
 
 def test_regions() -> None:
@@ -75,21 +77,22 @@ def worth(scene: Tracking, regions: np.ndarray) -> float:
         near, before = (scene.satellites.benefits.step(q).toarray() for q in (k, k - 1))
         for j in range(len(scene.regions)):
             earned = [
-                near[i, j] * (counts[k, j] + scene.watch)
+                scene.scale * near[i, j] * (counts[k, j] + scene.watch)
                 for i in np.flatnonzero(regions[k] == j)
-                if regions[k - 1, i] == j and before[i, j] > 0
+                if regions[k - 1, i] == j and (before[i, j] > 0 or not scene.needs_sight)
             ]
             total += sum(b * scene.decay**r for r, b in enumerate(sorted(earned, reverse=True)))
     return total
 
 
-def test_value_is_that_of_the_equation() -> None:
+@pytest.mark.parametrize("scene", [SMALL, LETTER], ids=["sight", "letter"])
+def test_value_is_that_of_the_equation(scene: Tracking) -> None:
     """Only what was held before earns, the second observer a fifth; nothing earns at the first step."""
-    made = SMALL.synthetic()
+    made = scene.synthetic()
     for solver in (NoHandover(), HAAL(3), DualLookahead(3)):
-        result = solve(made.problem, solver, forecast=SMALL.forecast())
+        result = solve(made.problem, solver, forecast=scene.forecast())
         regions = made.original(result.plan)
-        assert made.evaluate(regions).value == pytest.approx(worth(SMALL, regions))
+        assert made.evaluate(regions).value == pytest.approx(worth(scene, regions))
         assert made.evaluate(regions).value >= result.value - 1e-9
 
 
@@ -99,6 +102,25 @@ def test_lookahead_tracks_more() -> None:
     blind, haal = (solve(problem, solver, forecast=forecast) for solver in (NoHandover(), HAAL(3)))
     assert blind.value < haal.value
     assert 0 < SMALL.tracked(blind.plan) < SMALL.tracked(haal.plan) <= SMALL.coverable() <= 1
+
+
+def test_the_numbers_of_the_thesis() -> None:
+    """beta^e = 1 and beta^t = 10 at proximity 1; what was held unseen earns; targets go by the compass."""
+    counts = LETTER.objects.counts(len(LETTER.regions))
+    near = LETTER.satellites.benefits.step(4).tocoo()
+    worth_now = LETTER.synthetic().base.benefits.step(4).tocsr()
+    for i, j, proximity in zip(near.row, near.col, near.data, strict=True):
+        assert worth_now[i, j] == pytest.approx(proximity * (1.0 + 10.0 * counts[4, j]))
+    headings = LETTER.objects.heading_deg
+    assert set(headings[np.isfinite(headings)]) <= {0.0, 90.0, 180.0, 270.0}
+
+
+def test_two_readings_of_tracked() -> None:
+    """Whoever held the region before: at least as much as by the same satellite, at most what is in view."""
+    plan = solve(LETTER.problem(), HAAL(2), forecast=LETTER.forecast()).plan
+    assert 0 < LETTER.tracked(plan) <= LETTER.tracked(plan, by="any") <= 1
+    with pytest.raises(ValueError, match="by must be"):
+        LETTER.tracked(plan, by="all")  # type: ignore[arg-type]
 
 
 def test_instance(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from sapopt.domains.constellation.elements import (
 from sapopt.domains.constellation.graphs import linked_pairs, links
 from sapopt.domains.constellation.orbits import (
     STARLINK_SHELLS,
+    STARLINK_SHELLS_2019,
     STARLINK_SHELLS_4225,
     WalkerShell,
     walker_positions_km,
@@ -19,11 +20,12 @@ from sapopt.domains.constellation.scenario import (
     element_constellation,
     walker_constellation,
 )
-from sapopt.domains.constellation.tasks import GroundTasks, even_tasks, random_tasks
+from sapopt.domains.constellation.tasks import GroundTasks, even_tasks, random_tasks, ring_tasks
 from sapopt.domains.constellation.view import FieldOfView, visible_benefits
 
 __all__ = [
     "STARLINK_SHELLS",
+    "STARLINK_SHELLS_2019",
     "STARLINK_SHELLS_4225",
     "Constellation",
     "ElementSets",
@@ -38,6 +40,7 @@ __all__ = [
     "links",
     "random_tasks",
     "read_elements",
+    "ring_tasks",
     "starlink_elements",
     "visible_benefits",
     "walker_constellation",

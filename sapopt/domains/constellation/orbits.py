@@ -88,11 +88,25 @@ STARLINK_SHELLS = (
 """The five nominal shells of the first Starlink generation (FCC 21-48, April 2021): 4408 satellites."""
 
 STARLINK_SHELLS_4225 = (*STARLINK_SHELLS[:3], WalkerShell(5, 33, 97.6, 560.0), STARLINK_SHELLS[4])
-"""Five shells of 4225 satellites in all, the size of the thesis' out-of-distribution test (section 6.5).
+"""Five shells of 4225 satellites in all, the number of the thesis' out-of-distribution test (section 6.5).
 
-The thesis gives the total and "five shells", the licence has 4408 satellites. Here the 183 that are too many are
-taken from the fourth shell (5 planes of 33 instead of 6 of 58), so that the other four stay nominal: a choice of this
-library, not a figure of the thesis.
+The licence has 4408 satellites. Here the 183 that are too many are taken from the fourth shell (5 planes of 33 instead
+of 6 of 58), so that the other four stay nominal: a choice of this library. The thesis has other shells at other
+altitudes, see `STARLINK_SHELLS_2019`.
+"""
+
+STARLINK_SHELLS_2019 = (
+    WalkerShell(32, 50, 53.0, 550.0),
+    WalkerShell(32, 50, 53.8, 510.0),
+    WalkerShell(8, 50, 74.0, 530.0),
+    WalkerShell(5, 75, 81.0, 675.0),
+    WalkerShell(6, 75, 70.0, 725.0),
+)
+"""The five shells of section 6.5 of Holder (2024): 4425 satellites.
+
+The thesis takes "the nominal configuration of Starlink" from del Portillo, Cameron and Crawley (Acta Astronautica 159,
+2019) and replaces its altitudes of 1150, 1110, 1130, 1275 and 1325 km by 550, 510, 530, 675 and 725 km. That
+configuration has 4425 satellites; the thesis writes 4225 and names no shell that it left out.
 """
 
 
@@ -117,10 +131,10 @@ def walker_positions_km(
     step_s : float
         Seconds from one step to the next.
     start_s : float
-        Time of the first step, in seconds after the shells' starting angles hold. The thesis' experiments take their
-        first picture one step after that: ``start_s=step_s``.
+        Time of the first step, in seconds after the shells' starting angles hold. The thesis' published code takes
+        its first picture one step after that: ``start_s=step_s``.
     earth : {"still", "rotating"}
-        "still" leaves the Earth at rest among the stars, as the experiments of the thesis do.
+        "still" leaves the Earth at rest among the stars, as the thesis' published code does.
     j2 : bool
         Add the secular drift of node and argument of latitude due to the oblateness of the Earth (first order in J2).
     sidereal_angle_deg : float

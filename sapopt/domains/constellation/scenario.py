@@ -107,6 +107,23 @@ class Constellation:
         """Communication graphs, one per step (or per step of `steps`): see `links`."""
         return links(self.positions_km if steps is None else self.positions_km[list(steps)], range_km)
 
+    def only_seeing(self) -> Constellation:
+        """The same constellation without the satellites that see no task at any step.
+
+        Raises
+        ------
+        ValueError
+            If no satellite is left.
+        """
+        flat = self.benefits.flat()
+        seeing = np.flatnonzero((np.diff(flat.indptr).reshape(self.T, self.n) > 0).any(axis=0))
+        if not len(seeing):
+            raise ValueError("inclination_deg, steps: no satellite ever sees a task")
+        return constellation(
+            self.positions_km[:, seeing], self.tasks, self.step_s, field_of_view=self.field_of_view,
+            satellite_names=[self.satellite_names[i] for i in seeing],
+        )  # fmt: skip
+
     def with_idle_tasks(self, count: int | None = None) -> Constellation:
         """The same constellation with `count` tasks of zero benefit appended (by default one per satellite)."""
         extra = self.n if count is None else count
@@ -167,7 +184,7 @@ def walker_constellation(
     sidereal_angle_deg: float = 0.0,
     field_of_view: FieldOfView | None = None,
 ) -> Constellation:
-    """A Walker constellation with its tasks; the defaults are those of the thesis' experiments (section 4.2).
+    """A Walker constellation with its tasks; the defaults are those of section 4.2 of Holder (2024) and its code.
 
     Parameters
     ----------
@@ -176,7 +193,8 @@ def walker_constellation(
     steps, step_s : int, float
         Number of steps T and seconds between them. 93 minutes are one orbit at 550 km.
     start_s : float, optional
-        Time of the first step after the shells' starting angles hold; one step if omitted, as in the thesis.
+        Time of the first step after the shells' starting angles hold; one step if omitted, as in
+        the published code, whose Earth also stands still: the thesis says neither.
     earth, j2, sidereal_angle_deg
         See `walker_positions_km`.
     """

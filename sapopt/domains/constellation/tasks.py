@@ -77,8 +77,9 @@ def random_tasks(
 ) -> GroundTasks:
     """Tasks at random places.
 
-    The defaults are those of the thesis' experiments (section 4.2.1), and ``random_tasks(450, 0)`` gives its mid-size
-    instance: latitude uniform within 55 degrees, longitude uniform, priority uniform on [1, 2], drawn in this order.
+    The defaults are those of the published code of Holder (2024): latitude uniform within 55 degrees, longitude
+    uniform, priority uniform on [1, 2], drawn in this order; ``random_tasks(450, 0)`` gives its mid-size instance. The
+    thesis itself says of the places only "randomly placed on the surface of the Earth" (section 4.2.1).
 
     Parameters
     ----------
@@ -92,8 +93,8 @@ def random_tasks(
         "latitude" draws the latitude uniformly (denser towards the poles), "area" spreads the tasks evenly over the
         sphere; with ``max_latitude_deg=90`` that is the uniform distribution on the sphere.
     priorities : sequence of float, optional
-        Draw every priority from this list with equal chances, as ``(1, 1, 1, 5)`` of section 6.4; without it they are
-        uniform on [1, 2].
+        Draw every priority from this list with equal chances, as ``(1, 1, 1, 5)`` of the published code for 6.4;
+        without it they are uniform on [1, 2].
 
     Raises
     ------
@@ -126,8 +127,8 @@ def even_tasks(
     """Tasks spread evenly: rings of latitude `spacing_deg` apart, and as many tasks on each as fit at that distance.
 
     The rings lie half a spacing, one and a half spacings, ... north and south of the equator. The defaults give 812
-    tasks, the number of section 4.2.2: 80 degrees is as far north as a satellite at 550 km with 70 degrees of
-    inclination can see. (The thesis gives the number, not the rule.)
+    tasks: 80 degrees is as far north as a satellite at 550 km with 70 degrees of inclination can see. The thesis has
+    the same number within 70 degrees (section 4.2.2): see `ring_tasks`.
 
     Parameters
     ----------
@@ -159,6 +160,52 @@ def even_tasks(
     latitude = np.concatenate(latitudes)
     priority = _draw_priorities(len(latitude), np.random.default_rng(seed), priorities)
     return GroundTasks(latitude, np.concatenate(longitudes), priority)
+
+
+def ring_tasks(
+    m: int = 812,
+    max_latitude_deg: float = 70.0,
+    rings: int = 21,
+    seed: int | np.random.Generator = 0,
+    *,
+    priorities: Sequence[float] | None = None,
+) -> GroundTasks:
+    """A given number of tasks spread evenly over rings of latitude, the outermost at the highest latitude.
+
+    The defaults are the 812 tasks "evenly across Earth from latitude -70 to 70 degrees" of section 4.2.2. How they lie
+    there is ours: rings 7 degrees apart, which 812 tasks, shared in proportion to the length of the rings (by largest
+    remainders), fill with neighbours 7.0 degrees of arc apart at the equator.
+
+    Parameters
+    ----------
+    m : int
+        Number of tasks, at least one for each ring.
+    max_latitude_deg : float
+        Latitude of the outermost rings, north and south.
+    rings : int
+        At least 2.
+    seed, priorities
+        As in `random_tasks`; they matter for the priorities only.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+    """
+    if not 0.0 < max_latitude_deg < 90.0:
+        raise ValueError(f"max_latitude_deg must lie between 0 and 90 degrees, got {max_latitude_deg}")
+    if int(rings) != rings or rings < 2:
+        raise ValueError(f"rings must be a whole number of at least 2, got {rings}")
+    if int(m) != m or m < rings:
+        raise ValueError(f"m must be a whole number of at least one task a ring, {rings}, got {m}")
+    latitudes = np.linspace(-max_latitude_deg, max_latitude_deg, int(rings))
+    length = np.cos(np.radians(latitudes))
+    share = 1.0 + (m - rings) * length / length.sum()
+    fit = np.floor(share).astype(np.int64)
+    fit[np.argsort(fit - share, kind="stable")[: m - fit.sum()]] += 1
+    longitude = np.concatenate([-180.0 + 360.0 * np.arange(count) / count for count in fit])
+    priority = _draw_priorities(int(m), np.random.default_rng(seed), priorities)
+    return GroundTasks(np.repeat(latitudes, fit), longitude, priority)
 
 
 def _draw_priorities(m: int, rng: np.random.Generator, priorities: Any) -> FloatArray:

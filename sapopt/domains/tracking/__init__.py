@@ -2,6 +2,6 @@
 
 from sapopt.domains.tracking.objects import Objects, moving_objects
 from sapopt.domains.tracking.regions import Regions, us_regions
-from sapopt.domains.tracking.scenario import Tracking, tracking
+from sapopt.domains.tracking.scenario import Tracking, tracking, tracking_thesis
 
-__all__ = ["Objects", "Regions", "Tracking", "moving_objects", "tracking", "us_regions"]
+__all__ = ["Objects", "Regions", "Tracking", "moving_objects", "tracking", "tracking_thesis", "us_regions"]

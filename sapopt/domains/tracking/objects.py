@@ -73,6 +73,7 @@ def moving_objects(
     mean_life_steps: float = 25.0,
     speed_km_per_step: tuple[float, float] = (5.0, 40.0),
     turn_deg_per_step: float = 4.0,
+    along_grid: bool = False,
 ) -> Objects:
     """Objects drawn at random.
 
@@ -93,6 +94,9 @@ def moving_objects(
         Uniform between the two; the default is 300 to 2400 km/h at a minute a step.
     turn_deg_per_step : float
         Standard deviation of the change of heading.
+    along_grid : bool
+        Objects keep to one of the four points of the compass and never turn: "targets move horizontally or vertically
+        through the grid regions" (Holder 2024, Figure 4.5).
 
     Raises
     ------
@@ -118,7 +122,7 @@ def moving_objects(
     spread = 0.25 * np.sqrt(510.1e6 / 8 / 7 ** (regions.resolution + 1)) / _KM_PER_DEG  # well inside a cell
     latitude = regions.latitude_deg[home] + rng.uniform(-spread, spread, count)
     longitude = regions.longitude_deg[home] + rng.uniform(-spread, spread, count)
-    heading = rng.uniform(0.0, 360.0, count)
+    heading = 90.0 * rng.integers(4, size=count) if along_grid else rng.uniform(0.0, 360.0, count)
     speed = rng.uniform(slow, fast, count)
     shape = (steps, count)
     region = np.full(shape, -1, dtype=np.int64)
@@ -128,7 +132,8 @@ def moving_objects(
         here = (born <= k) & ~gone & (k < born + life)
         old = np.flatnonzero(here & (born < k))
         latitude[old], longitude[old] = moved(latitude[old], longitude[old], heading[old], speed[old])
-        heading[old] += rng.normal(0.0, turn_deg_per_step, len(old))
+        if not along_grid:
+            heading[old] += rng.normal(0.0, turn_deg_per_step, len(old))
         now = np.flatnonzero(here)
         region[k, now] = regions.containing(latitude[now], longitude[now])
         gone[now] |= region[k, now] < 0

@@ -7,7 +7,7 @@ step before; a second observer adds a fifth of that. Objects appear without noti
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,7 +41,12 @@ class Tracking:
     decay : float
         The second observer earns this share of the benefit, a third one its square.
     watch : float
-        What a region in view is worth without any object, in objects: it makes "in view" a positive benefit.
+        What a region in view is worth without any object, in objects: beta^e / beta^t of eq. 4.3. It makes "in view" a
+        positive benefit.
+    scale : float
+        What an object in the region is worth: beta^t.
+    needs_sight : bool
+        Whether a region counts as held only while the satellite sees it. Equation 4.3 does not ask for that.
     """
 
     satellites: Constellation
@@ -50,6 +55,8 @@ class Tracking:
     observers: int = 2
     decay: float = 0.2
     watch: float = 0.02
+    scale: float = 1.0
+    needs_sight: bool = True
 
     def synthetic(self) -> SyntheticTasks:
         """The problem of the observers, with the way back to the regions.
@@ -64,7 +71,7 @@ class Tracking:
         seen = self.satellites
         counts = self.objects.counts(len(self.regions))
         benefits = Benefits([self._weighted(k, counts[k]) for k in range(seen.T)])
-        dynamics = SyntheticSwitching(forfeit=1.0, needs_sight=True)
+        dynamics = SyntheticSwitching(forfeit=1.0, needs_sight=self.needs_sight)
         base = SAP(
             benefits, dynamics, seen.m + np.arange(seen.n), agents=seen.satellite_names or None,
             tasks=[*self.regions.cells, *(f"idle {i}" for i in range(seen.n))],
@@ -116,25 +123,32 @@ class Tracking:
 
         return forecast
 
-    def tracked(self, plan: Any) -> float:
+    def tracked(self, plan: Any, by: Literal["same", "any"] = "same") -> float:
         """Share of the objects that are tracked, over all objects and steps but the first, 0 to 1.
-
-        An object is tracked at a step if a satellite that sees its region holds it, and did so at the step before.
 
         Parameters
         ----------
         plan : array_like of int, shape (T, n)
             Plan of the observers.
+        by : {"same", "any"}
+            "A target is tracked if the region it is in is observed, and had also been observed in the previous time
+            step" (section 4.3): by the same satellite, which then has set up, or by any two. A satellite observes a
+            region that it holds and sees.
         """
+        if by not in ("same", "any"):
+            raise ValueError(f"by must be 'same' or 'any', got {by!r}")
         regions = self.synthetic().original(plan)
         holds = self._observed(regions)
-        kept = (regions[1:] == regions[:-1]) & holds[1:] & holds[:-1]
         total, found = 0, 0
         for k in range(1, self.satellites.T):
             there = self.objects.region[k]
             there = there[there >= 0]
             total += len(there)
-            found += int(np.isin(there, regions[k][kept[k - 1]]).sum())
+            if by == "same":
+                kept = regions[k][(regions[k] == regions[k - 1]) & holds[k] & holds[k - 1]]
+            else:
+                kept = np.intersect1d(regions[k][holds[k]], regions[k - 1][holds[k - 1]])
+            found += int(np.isin(there, kept).sum())
         return found / total if total else 0.0
 
     def coverable(self) -> float:
@@ -160,7 +174,7 @@ class Tracking:
     def _weighted(self, k: int, counts: IntArray) -> sp.csr_array:
         """Benefits of a step: proximity times the objects of the region, and idle tasks."""
         near = sp.csr_array(self.satellites.benefits.step(k))
-        data = near.data * (counts[near.indices] + self.watch)
+        data = self.scale * near.data * (counts[near.indices] + self.watch)
         n, m = near.shape
         return sp.csr_array((data, near.indices, near.indptr), shape=(n, m + n))
 
@@ -177,26 +191,35 @@ def tracking(
     arrivals_per_step: float = 0.6,
     observers: int = 2,
     decay: float = 0.2,
+    along_grid: bool = False,
+    watch: float = 0.02,
+    scale: float = 1.0,
+    needs_sight: bool = True,
 ) -> Tracking:
     """The built-in scenario: the satellites of a Walker constellation that come over the United States in an orbit.
 
-    The thesis gives the hexagons, two observers and the decay of 0.2. The rest is ours: 1000 satellites, of which
-    those that never see the United States are left out (575 are left); cells of H3 resolution 3; on average 0.6 new
-    objects a minute, some 15 at a time, which some 30 satellites in view could observe.
+    The thesis gives the hexagons, two observers and the decay of 0.2; its other numbers are in `tracking_thesis`. The
+    rest is ours: 1000 satellites, of which those that never see the United States are left out (575 are left); cells
+    of H3 resolution 3; on average 0.6 new objects a minute, some 15 at a time, which some 30 satellites in view could
+    observe.
     """
     from sapopt.domains import constellation as c
 
     regions = us_regions(resolution)
     places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, np.ones(len(regions)))
     shell = c.WalkerShell(planes, per_plane, inclination_deg, altitude_km)
-    every = c.walker_constellation(shell, places, steps)
-    flat = every.benefits.flat()
-    busy = np.flatnonzero((np.diff(flat.indptr).reshape(steps, every.n) > 0).any(axis=0))
-    if not len(busy):
-        raise ValueError("inclination_deg, steps: no satellite ever sees the United States")
-    objects = moving_objects(regions, steps, seed, arrivals_per_step=arrivals_per_step)
-    satellites = c.constellation(
-        every.positions_km[:, busy], places, every.step_s,
-        satellite_names=[every.satellite_names[i] for i in busy],
-    )  # fmt: skip
-    return Tracking(satellites, regions, objects, observers, decay)
+    satellites = c.walker_constellation(shell, places, steps).only_seeing()
+    objects = moving_objects(regions, steps, seed, arrivals_per_step=arrivals_per_step, along_grid=along_grid)
+    return Tracking(satellites, regions, objects, observers, decay, watch, scale, needs_sight)
+
+
+def tracking_thesis(seed: int = 0, **options: Any) -> Tracking:
+    """The scenario by the numbers of section 4.3, where the thesis gives them.
+
+    beta^e = 1 and beta^t = 10, two observers, the second at a fifth, targets that move along the grid, and eq. 4.3 as
+    it stands: a region earns if the satellite held one of its copies at the step before, whether it saw it or not. The
+    thesis also names lambda = 0.5, which has no place in eq. 4.3 and none here. Constellation, cells, number and speed
+    of the targets are those of `tracking`, whose keyword arguments are the `options`.
+    """
+    given: dict[str, Any] = {"along_grid": True, "watch": 0.1, "scale": 10.0, "needs_sight": False}
+    return tracking(seed, **(given | options))
