@@ -122,7 +122,9 @@ def moving_objects(
     spread = 0.25 * np.sqrt(510.1e6 / 8 / 7 ** (regions.resolution + 1)) / _KM_PER_DEG  # well inside a cell
     latitude = regions.latitude_deg[home] + rng.uniform(-spread, spread, count)
     longitude = regions.longitude_deg[home] + rng.uniform(-spread, spread, count)
-    heading = 90.0 * rng.integers(4, size=count) if along_grid else rng.uniform(0.0, 360.0, count)
+    heading: FloatArray = rng.uniform(0.0, 360.0, count)
+    if along_grid:
+        heading = 90.0 * np.floor(heading / 90.0)
     speed = rng.uniform(slow, fast, count)
     shape = (steps, count)
     region = np.full(shape, -1, dtype=np.int64)
