@@ -74,7 +74,7 @@ text { font-family: system-ui, "Segoe UI", Roboto, Helvetica, Arial, sans-serif;
 
 def drawing() -> str:
     """The picture as SVG. It has a ground of its own, so that it can be read on light and on dark pages."""
-    width, height = max(LANES.values()) + 26, HEAD + ROW * len(LAYERS) + 30
+    width, height = max(LANES.values()) + 38, HEAD + ROW * len(LAYERS) + 30
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" '
         'role="img" aria-labelledby="title">',
