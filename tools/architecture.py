@@ -17,6 +17,7 @@ TARGET = Path(__file__).resolve().parents[1] / "docs" / "images" / "architecture
 LAYERS = (
     ("cli",),
     ("sweeps",),
+    ("warming",),
     ("api",),
     ("domains", "learning", "report"),
     ("solvers", "plotting"),
@@ -32,6 +33,7 @@ LAYERS = (
 ABOUT = {
     "cli": "the program sapopt",
     "sweeps": "many jobs, many machines",
+    "warming": "compiling before the clock starts",
     "api": "solve, bound, certify",
     "domains": "instances",
     "learning": "REDA",
