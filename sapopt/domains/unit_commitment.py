@@ -5,6 +5,10 @@ to put out just that much power. Its value is the energy at a price, the cost of
 one block, spins without a load, or is off; a block goes to one unit or is not served. So every step is an assignment of
 n units to B blocks, n places to spin (one for each unit) and n to be off: n <= m = B + 2 n. The sizes of the blocks are
 the discrete levels of output; where the demand ends inside a block, only that part of it is on offer.
+
+What the model leaves out: ramps (how fast a running unit may change its output), reserve, the grid, and outputs between
+the blocks. A plan that serves all of the demand here may shed some of it in a plant with ramps; `PowerSystem.dispatch`
+tells how much, for the units that a plan has running.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from sapopt.domains.scenario import refuse_idle_rule
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from sapopt.domains.dispatch import Dispatch
     from sapopt.problem.sap import SAP
 
 
@@ -79,6 +84,15 @@ class PowerSystem:
             raise ValueError("least_mw must not be negative and not exceed most_mw")
         if not (np.isfinite(self.step_h) and self.step_h > 0):
             raise ValueError(f"step_h must be a positive number of hours, got {self.step_h!r}")
+        sizes = self.blocks_mw
+        smallest = sizes[sizes > 0].min(initial=np.inf)
+        small = np.flatnonzero(np.asarray(self.most_mw) < smallest)
+        if len(small) and np.isfinite(smallest):
+            raise ValueError(
+                f"block_mw: units {', '.join(map(str, small[:5]))} ({len(small)} in all) put out less than the "
+                f"smallest block, {smallest:g} MW, and could never serve; add blocks of at most "
+                f"{np.min(self.most_mw):g} MW"
+            )
 
     @property
     def blocks_mw(self) -> FloatArray:
@@ -135,7 +149,7 @@ class PowerSystem:
         return SAP(steps, rule, agents=[f"unit {i}" for i in range(n)], tasks=labels)
 
     def output_mw(self, plan: IntArray, cost: float = 1.0) -> FloatArray:
-        """What of the demand every unit serves at every step of a plan, shape (T, n)."""
+        """What of the demand every unit serves at every step of a plan, shape (T, n); no ramps, no reserve."""
         problem = self.problem(cost)
         plan = problem.check_plan(plan)
         B = len(self.block_mw)
@@ -146,6 +160,38 @@ class PowerSystem:
             state = problem.transition(k, state, row)
             served[k] *= state.local > 0
         return served
+
+    def running(self, plan: IntArray, cost: float = 1.0) -> np.ndarray:
+        """Whether each unit runs at each step of a plan, shape (T, n)."""
+        problem = self.problem(cost)
+        state, on = problem.initial_state(), []
+        for k, row in enumerate(problem.check_plan(plan)):
+            state = problem.transition(k, state, row)
+            on.append(state.local > 0)
+        return np.array(on)
+
+    def dispatch(self, plan: IntArray, *, ramp_mw: Any = None, reserve_mw: Any = None) -> Dispatch:
+        """What the running units of a plan can serve at best, with what the model leaves out.
+
+        The plan decides which units run; their outputs are free between least and greatest, not only at the blocks.
+
+        Parameters
+        ----------
+        plan : ndarray of int64, shape (T, n)
+        ramp_mw : float or array_like, shape (n,), optional
+            Most that a unit changes from one step to the next while it runs; a start or a stop may use the least output
+            in addition. No limit if omitted.
+        reserve_mw : float or array_like, shape (T,), optional
+            What running units must be able to add at once.
+
+        Raises
+        ------
+        ValueError
+            If a limit is negative or has a wrong shape.
+        """
+        from sapopt.domains.dispatch import dispatch
+
+        return dispatch(self, self.running(plan), ramp_mw, reserve_mw)
 
     def draw(self, plan: IntArray, ax: Axes | None = None) -> Axes:
         """Draw the output of the units, stacked from the cheapest fuel to the dearest, against the demand."""

@@ -11,10 +11,11 @@ programme, and a solver that failed (`SolverError`).
 from __future__ import annotations
 
 import enum
+import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,16 @@ def maximise(
     stop_at = time.monotonic() + seconds
     if seconds <= 0:
         return Answer(Ending.TIME_LIMIT, None, -np.inf, np.inf)
+    factor = _factor(programme.gain)
+    if factor != 1.0:
+        heard = None if watch is None else (lambda value, bound: watch(value / factor, bound / factor))
+        larger = replace(programme, gain=programme.gain * factor, offset=programme.offset * factor)
+        found = maximise(
+            larger, relaxed=relaxed, seconds=seconds, tolerance=tolerance, cutoff=cutoff * factor, start=start,
+            watch=heard, options=options,
+        )  # fmt: skip
+        duals = None if found.duals is None else found.duals / factor
+        return replace(found, value=found.value / factor, bound=found.bound / factor, duals=duals)
     solver = highspy.Highs()
     settings: dict[str, Any] = {"output_flag": False, "mip_rel_gap": tolerance, "mip_abs_gap": 1e-9}
     if np.isfinite(cutoff):
@@ -166,6 +177,19 @@ def maximise(
         solver.setOptionValue("time_limit", left)
     interrupted = _run(solver, programme.offset, watch, stop_at)
     return _answer(highspy, solver, programme, relaxed, interrupted, cutoff)
+
+
+def _factor(gain: FloatArray) -> float:
+    """Power of two that brings the largest gain to 512 .. 1024, unless it lies in 1 .. 10^6 already.
+
+    HiGHS judges reduced costs and gaps by absolute tolerances (1e-7, 1e-9), which means nothing where the benefits
+    themselves are of that size. A power of two changes no digit.
+    """
+    largest = float(np.abs(gain).max(initial=0.0))
+    if largest == 0.0 or not np.isfinite(largest) or 1.0 <= largest <= 1e6:
+        return 1.0
+    # Beyond 2^1023 there is no such number; benefits below 1e-299 are then left a little smaller.
+    return float(2.0 ** min(10 - math.frexp(largest)[1], 1023))
 
 
 def _model(highspy: Any, programme: Programme, relaxed: bool) -> Any:

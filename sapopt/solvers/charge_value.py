@@ -123,11 +123,11 @@ class ChargeValue:
             If the file is damaged or something else.
         """
         if str(name) == "power":
-            text = (resources.files("sapopt.solvers") / "data" / "charge_value_power.json").read_text("utf-8")
+            data = (resources.files("sapopt.solvers") / "data" / "charge_value_power.json").read_bytes()
         else:
-            text = Path(name).read_text(encoding="utf-8")
+            data = Path(name).read_bytes()
         try:
-            record = json.loads(text)
+            record = json.loads(data.decode("utf-8"))
             if record["format"] != _FORMAT:
                 raise ValueError(f"format {record['format']!r}")
             return cls(np.array(record["table"], dtype=np.float64), str(record["about"]))

@@ -138,6 +138,54 @@ def test_bad_input() -> None:
         random_power_system(0)
 
 
+def test_small_units_are_not_left_out_silently() -> None:
+    """A unit that is smaller than every block would never serve: told, with the block that would mend it."""
+    options = {name: getattr(tiny(0), name) for name in tiny(0).__dataclass_fields__}
+    changes = {
+        "least_mw": np.array([10.0, 40.0]), "most_mw": np.array([12.0, 100.0]), "demand_mw": np.full(6, 150.0),
+        "block_mw": [100.0, 50.0],
+    }  # fmt: skip
+    with pytest.raises(
+        ValueError, match=r"block_mw: units 0 \(1 in all\).* smallest block, 50 MW.* at most 12 MW"
+    ):
+        PowerSystem(**(options | changes))
+    assert PowerSystem(**(options | changes | {"block_mw": [100.0, 38.0, 12.0]})).gains()[:, 0].any()
+
+
+def test_ramps_and_reserve_are_told() -> None:
+    """A unit that would have to jump by 60 MW and may climb 20 a step sheds the rest; what is not counted is said."""
+    system = PowerSystem(
+        least_mw=[40.0], most_mw=[100.0], fuel_per_mwh=[20.0], running_per_h=[10.0], start_up=[0.0], minimum_up=[1],
+        minimum_down=[1], initial=[2], demand_mw=[40.0, 100.0, 100.0, 100.0], block_mw=[40.0, 60.0],
+        price_per_mwh=90.0,
+    )  # fmt: skip
+    plan = np.array([[0], [1], [1], [1]])
+    assert system.running(plan).all()
+    free = system.dispatch(plan)
+    assert free.shed_mwh == pytest.approx(0.0)
+    assert free.not_counted[:2] == ("ramps", "reserve")
+    tight = system.dispatch(plan, ramp_mw=20.0, reserve_mw=10.0)
+    assert tight.output_mw[:, 0] == pytest.approx([40, 60, 80, 100])
+    assert tight.shed_mwh == pytest.approx(40 + 20)
+    assert tight.reserve_short_mwh == pytest.approx(10)  # demand comes before reserve
+    assert "shed; counted" in str(tight)
+    assert "ramps" in tight.counted
+    with pytest.raises(ValueError, match="ramp_mw must be one number or 1"):
+        system.dispatch(plan, ramp_mw=[1.0, 2.0])
+    with pytest.raises(ValueError, match="reserve_mw must be"):
+        system.dispatch(plan, reserve_mw=-1.0)
+
+
+def test_dispatch_sheds_no_more_than_the_blocks() -> None:
+    """Without ramps the outputs between the blocks can only serve more than the blocks do."""
+    system = random_power_system(8, 16, seed=2)
+    result = solve(system.problem(), HAA())
+    by_blocks = system.demand_mw.sum() - system.output_mw(result.plan).sum()
+    free, tight = system.dispatch(result.plan), system.dispatch(result.plan, ramp_mw=0.2 * system.most_mw)
+    assert free.shed_mwh <= by_blocks + 1e-6
+    assert tight.shed_mwh >= free.shed_mwh - 1e-6
+
+
 def test_instance_and_draw() -> None:
     from matplotlib.figure import Figure
 

@@ -20,7 +20,7 @@ from sapopt.solvers.exact.forms import StaysForm
 from sapopt.solvers.exact.master import Master
 from sapopt.solvers.exact.neighbourhoods import Neighbourhoods
 from sapopt.solvers.exact.tree import Tree
-from sapopt.solvers.exact.warm import Incumbent
+from sapopt.solvers.exact.warm import Incumbent, gap_unit
 
 _BEGIN = 2000
 """Stays that the relaxation begins with."""
@@ -64,6 +64,7 @@ class BranchAndPrice:
         self.run = run
         self.best = best
         self.tolerance = tolerance
+        self.unit = gap_unit(problem)
         self._note = note
         self.bound = np.inf
         self.lock = threading.Lock()
@@ -172,14 +173,14 @@ class BranchAndPrice:
             self.local.polish(plan, _POLISH * left if np.isfinite(left) else 5.0)
 
     def _watch(self, bound: float, nodes: int) -> bool:
-        if bound < self.bound - 1e-7 * max(1.0, abs(bound)):
+        if bound < self.bound - 1e-7 * max(self.unit, abs(bound)):
             self._tell("branch and price", bound)
         return self.run.report(
             self.run.seconds, self.run.time_limit or 0.0, self.best.value, self.bound, f"{nodes} nodes"
         )
 
     def _slack(self) -> float:
-        return self.tolerance * max(1.0, abs(self.best.value))
+        return self.tolerance * max(self.unit, abs(self.best.value))
 
     def _target(self) -> float:
         return self.best.value + self._slack()

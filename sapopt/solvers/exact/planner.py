@@ -143,7 +143,7 @@ class Exact:
     ) -> Outcome:
         if best.plan is None and run.expired:
             best = warm.last_resort(problem, run)
-        slack = self.tolerance * max(1.0, abs(best.value))
+        slack = self.tolerance * max(warm.gap_unit(problem), abs(best.value))
         if best.plan is not None and bound - best.value <= slack:
             status = Status.OPTIMAL
         elif run.stopped:

@@ -75,6 +75,7 @@ class Search:
         self.run = run
         self.tolerance = tolerance
         self.fix = fix
+        self.unit = warm.gap_unit(problem)
         self.state = State(warm.Incumbent(), np.inf, [])
         self.options: dict[str, Any] = {}
 
@@ -109,7 +110,7 @@ class Search:
     def slack(self) -> float:
         """Gap that counts as none."""
         value = self.state.best.value
-        return self.tolerance * max(1.0, abs(value)) if np.isfinite(value) else 0.0
+        return self.tolerance * max(self.unit, abs(value)) if np.isfinite(value) else 0.0
 
     def note(self, phase: str, bound: float | None = None, plan: IntArray | None = None) -> None:
         """Take over a bound or a plan, and report."""
@@ -161,7 +162,7 @@ class Search:
             self.state.prices = self.prices.prices
 
     def _within(self, delta: float) -> np.ndarray:
-        return self.prices.regret <= delta + 1e-7 * max(1.0, abs(self.prices.bound))
+        return self.prices.regret <= delta + 1e-7 * max(self.unit, abs(self.prices.bound))
 
     def _gap(self) -> float:
         """All better plans than the incumbent live on arcs of at most this reduced cost."""
@@ -179,10 +180,10 @@ class Search:
                 self._neighbourhoods(0.35 * left if np.isfinite(left) else 120.0)
             # plans come from the neighbourhoods: the solver is to prove
             self.options = {"mip_heuristic_effort": 0.01}
-        delta = _FIRST * max(1.0, abs(self.prices.bound)) if self.fix else np.inf
+        delta = _FIRST * max(self.unit, abs(self.prices.bound)) if self.fix else np.inf
         last = False
         while not self.proven and not self.run.expired:
-            last = 4 * delta >= min(self._gap(), 0.05 * max(1.0, abs(self.prices.bound)))
+            last = 4 * delta >= min(self._gap(), 0.05 * max(self.unit, abs(self.prices.bound)))
             if last:
                 delta = self._gap()
             if not self._fits(delta):
