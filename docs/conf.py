@@ -35,3 +35,5 @@ html_theme = "furo"
 html_title = f"sapopt {release}"
 html_theme_options = {"navigation_with_keys": True}
 html_show_sphinx = False
+html_static_path = ["_static"]
+html_css_files = ["tables.css"]
