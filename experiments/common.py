@@ -35,6 +35,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sapopt.cli.show import environment
+from sapopt.data.files import write_text
 
 
 @dataclass(frozen=True)
@@ -89,9 +90,7 @@ class Run:
             "seconds": round(time.perf_counter() - self.began, 2),
         }
         path = self.out / f"{name or self.name}.json"
-        part = path.with_name(path.name + ".part")
-        part.write_text(json.dumps(head | report, indent=1, default=_plain) + "\n", encoding="utf-8")
-        part.replace(path)
+        write_text(path, json.dumps(head | report, indent=1, default=_plain) + "\n")
         print(f"wrote {path}")
         return path
 

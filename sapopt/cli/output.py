@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sapopt.data.files import replacing, write_text
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -77,7 +79,7 @@ class Output:
     def json(self, name: str, value: Any) -> None:
         """Write a JSON file."""
         if (path := self._path(name)) is not None:
-            path.write_text(as_json(value) + "\n", encoding="utf-8")
+            write_text(path, as_json(value) + "\n")
 
     def npz(self, name: str, save: Callable[[Path], object]) -> None:
         """Let `save` write an npz file."""
@@ -87,7 +89,8 @@ class Output:
     def png(self, name: str, figure: Figure) -> None:
         """Write a figure."""
         if (path := self._path(name)) is not None:
-            figure.savefig(path, dpi=150)
+            with replacing(path) as file:
+                figure.savefig(file, format="png", dpi=150)
 
     def _path(self, name: str) -> Path | None:
         if self.folder is None:

@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from sapopt import api as verbs
@@ -28,6 +27,7 @@ from sapopt.cli.app import (
 )
 from sapopt.cli.output import Output, check_new
 from sapopt.cli.progress import Reporter
+from sapopt.data.files import write_arrays
 from sapopt.domains.instances import instances
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
@@ -66,7 +66,7 @@ def bound(
     output.json("bound.json", report)
     if proven.prices is not None:
         prices = proven.prices
-        output.npz("bound.npz", lambda path: np.savez_compressed(path, prices=prices))
+        output.npz("bound.npz", lambda path: write_arrays(path, {"prices": prices}))
     if as_json:
         show.print_json(report)
     else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from sapopt.cli import links, show, work
@@ -27,6 +26,7 @@ from sapopt.cli.app import (
 )
 from sapopt.cli.output import Output
 from sapopt.cli.progress import Reporter
+from sapopt.data.files import write_arrays
 from sapopt.problem.result import Status
 from sapopt.solvers.names import methods_help, parse_solver, parse_solvers
 
@@ -82,10 +82,10 @@ def compare(
                 }
                 output.json("compare.json", report | {"solvers": traced})
                 plans: dict[str, Any] = {key: result.plan for key, result in run.results.items()}
-                output.npz("compare.npz", lambda path: np.savez_compressed(path, **plans))
+                output.npz("compare.npz", lambda path: write_arrays(path, plans))
                 if run.prices is not None:
                     prices = run.prices
-                    output.npz("prices.npz", lambda path: np.savez_compressed(path, prices=prices))
+                    output.npz("prices.npz", lambda path: write_arrays(path, {"prices": prices}))
                 show.compare_figures(output, problem, run.results, run.bound, agent)
     if as_json:
         show.print_json(report)

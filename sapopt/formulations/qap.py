@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sapopt.data.files import write_text
 from sapopt.data.textfile import lines_of, plain_number, read_text
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.adams_johnson import adams_johnson
@@ -92,7 +93,7 @@ class QAP:
         lines = [str(size)]
         for matrix in matrices:
             lines += ["", *(" ".join(f"{v:.17g}" for v in row) for row in matrix)]
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_text(path, "\n".join(lines) + "\n")
 
 
 def read_qaplib(path: str | Path) -> QAP:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
+from sapopt.data.files import replacing
 from sapopt.data.types import IntArray
 from sapopt.learning.network import Network
 
@@ -71,9 +71,8 @@ def save_checkpoint(path: Path, state: Checkpoint, run: dict[str, Any]) -> None:
         "rng": json.dumps(state.rng),
         "seeds": json.dumps([seed for seed, _ in state.plans]),
     }
-    part = path.with_suffix(".part")
-    save_file({key: value.contiguous() for key, value in tensors.items()}, str(part), metadata=meta)
-    os.replace(part, path)
+    with replacing(path) as file:
+        file.write(save({key: value.contiguous() for key, value in tensors.items()}, metadata=meta))
 
 
 def load_checkpoint(path: Path, run: dict[str, Any], like: Checkpoint) -> Checkpoint:

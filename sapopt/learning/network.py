@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
+from sapopt.data.files import replacing
 from sapopt.learning.global_observation import GlobalSpec
 from sapopt.learning.observation import ObservationSpec, Spec, ThesisObservation
 
@@ -76,7 +77,8 @@ def save_network(network: Network, path: str | Path, about: dict[str, Any] | Non
         "about": json.dumps(about or {}),
     }
     tensors = {name: tensor.contiguous() for name, tensor in network.state_dict().items()}
-    save_file(tensors, str(path), metadata=meta)
+    with replacing(path) as file:
+        file.write(save(tensors, metadata=meta))
 
 
 def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:

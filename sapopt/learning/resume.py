@@ -14,6 +14,7 @@ import torch
 from sapopt.data.files import read_npz, write_npz
 
 _FORMAT = "sapopt-policy-checkpoint-1"
+_MOST_BYTES = 4 * 2**30  # of the arrays of a file: networks of half a billion numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class Standing:
         """
         if not self.path.exists():
             return {}
-        meta, arrays = read_npz(self.path, _FORMAT)
+        meta, arrays = read_npz(self.path, _FORMAT, {}, _MOST_BYTES, prefix="")
         try:
             ours, theirs = json.loads(json.dumps(self.run)), dict(json.loads(meta["run"]))
             counters = dict(json.loads(meta["counters"]))

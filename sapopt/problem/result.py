@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sapopt.data.files import read_npz, write_npz
+import numpy as np
+
+from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from sapopt.problem.sap import SAP
+
+_FORMAT = "sapopt-result-1"
+_ENTRIES = {
+    "plan": Entry("iu", (None, None)),
+    "benefit": Entry("f", (None,)),
+    "handover": Entry("f", (None,)),
+    "prices": Entry("f", (None, None), optional=True),
+}
+_MOST_BYTES = 2**30  # of the arrays of a file: 4000 steps with 30 000 tasks, and more
 
 
 class Status(enum.Enum):
@@ -169,7 +181,7 @@ class Result:
     def save(self, path: str | Path) -> None:
         """Write the result to an ``.npz`` file, without its problem (`SAP.save` writes that)."""
         meta = {
-            "format": "sapopt-result-1", "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
+            "format": _FORMAT, "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
             "bound": self.bound, "seed": self.seed, "value": self.value, "handovers": self.handovers,
             "trace": self.trace,
         }  # fmt: skip
@@ -187,12 +199,50 @@ class Result:
         ValueError
             If the file is damaged or holds something else.
         """
-        meta, arrays = read_npz(path, "sapopt-result-1")
+        meta, arrays = read_npz(path, _FORMAT, _ENTRIES, _MOST_BYTES)
         try:
-            score = Evaluation(meta["value"], arrays["benefit"], arrays["handover"], meta["handovers"])
+            plan, prices = arrays["plan"].astype(np.int64), arrays.get("prices")
+            steps = len(plan)
+            if arrays["benefit"].shape != (steps,) or arrays["handover"].shape != (steps,):
+                raise ValueError("its arrays have different numbers of steps")
+            if prices is not None and (len(prices) != steps or not np.isfinite(prices).all()):
+                raise ValueError("its prices are not finite, or not one row for every step")
+            bound = None if meta["bound"] is None else _number(meta, "bound", finite=False)
+            score = Evaluation(
+                _number(meta, "value"), arrays["benefit"], arrays["handover"], _whole(meta, "handovers")
+            )
             return cls(
-                arrays["plan"], score, Status[meta["status"]], meta["runtime"], meta["solver"], meta["bound"],
-                meta["trace"], meta["seed"], arrays.get("prices"),
+                plan, score, Status[meta["status"]], _number(meta, "runtime"), _text(meta, "solver"), bound,
+                _records(meta["trace"]), _whole(meta, "seed"), prices,
             )  # fmt: skip
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"{path}: damaged result file ({error})") from None
+
+
+def _number(meta: dict[str, Any], name: str, finite: bool = True) -> float:
+    value = meta[name]
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{name} is {value!r}, not a number")
+    if math.isnan(value) or (finite and math.isinf(value)):
+        raise ValueError(f"{name} is {value}")
+    return float(value)
+
+
+def _whole(meta: dict[str, Any], name: str) -> int:
+    value = meta[name]
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{name} is {value!r}, not a whole number")
+    return value
+
+
+def _text(meta: dict[str, Any], name: str) -> str:
+    value = meta[name]
+    if not isinstance(value, str):
+        raise TypeError(f"{name} is {value!r}, not a text")
+    return value
+
+
+def _records(value: Any) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(record, dict) for record in value):
+        raise TypeError("trace is not a list of records")
+    return value

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
 import math
 import numbers
 from collections.abc import Iterable, Sequence
@@ -12,19 +10,26 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import scipy.sparse as sp
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.feasibility import explain_infeasible
-from sapopt.data.files import read_npz, write_npz
+from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
-from sapopt.dynamics.capabilities import adapt, offers
-from sapopt.dynamics.registry import BUILT_IN, is_own
+from sapopt.dynamics.capabilities import adapt
 from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.description import described, fingerprint, rebuilt
 from sapopt.problem.result import Evaluation
 
 _FORMAT = "sapopt-problem-1"
+_ENTRIES = {
+    "dense": Entry("f", (None, None, None), optional=True),
+    "indptr": Entry("iu", (None,), optional=True),
+    "indices": Entry("iu", (None,), optional=True),
+    "data": Entry("f", (None,), optional=True),
+    "initial_assignment": Entry("iu", (None,), optional=True),
+}
+_MOST_BYTES = 64 * 2**30  # of the arrays of a file
 
 
 class SAP:
@@ -207,13 +212,8 @@ class SAP:
         ValueError
             If the dynamics is user-defined and does not tell.
         """
-        digest = hashlib.sha256(_FORMAT.encode())
-        meta, arrays = _told(self.dynamics) if is_own(self.dynamics) else _described(self.dynamics)
-        digest.update(repr((self.T, self.n, self.m, sorted(meta.items()))).encode())
-        flat = self.benefits.flat()
-        for array in (flat.indptr, flat.indices, flat.data, self.initial_assignment, *arrays.values()):
-            digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+        shape = (self.T, self.n, self.m)
+        return fingerprint(shape, self.benefits.flat(), self.initial_assignment, self.dynamics)
 
     def save(self, path: str | Path) -> None:
         """Write the problem to an ``.npz`` file (sparse or dense, as it is).
@@ -223,7 +223,7 @@ class SAP:
         ValueError
             If the dynamics is user-defined: files hold data, never code.
         """
-        meta, arrays = _described(self.dynamics)
+        meta, arrays = described(self.dynamics)
         meta |= {
             "format": _FORMAT,
             "agents": self.agents,
@@ -248,7 +248,7 @@ class SAP:
         ValueError
             If the file is damaged or holds something else.
         """
-        meta, arrays = read_npz(path, _FORMAT)
+        meta, arrays = read_npz(path, _FORMAT, _ENTRIES, _MOST_BYTES, prefix="dynamics.")
         try:
             if "dense" in arrays:
                 benefits = Benefits(arrays["dense"])
@@ -257,10 +257,10 @@ class SAP:
                     arrays["indptr"], arrays["indices"], arrays["data"], meta["shape"]
                 )
             return cls(
-                benefits, _rebuilt(meta, arrays), arrays.get("initial_assignment"),
+                benefits, rebuilt(meta, arrays), arrays.get("initial_assignment"),
                 agents=meta["agents"], tasks=meta["tasks"],
             )  # fmt: skip
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, OverflowError, MemoryError) as error:
             raise ValueError(f"{path}: damaged problem file ({error})") from None
 
     def _checked_initial(self, initial: Any) -> IntArray | None:
@@ -300,59 +300,3 @@ def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, .
                 f"{name}: label {i}, {label!r}, holds half a character, which no file can hold"
             ) from None
     return out
-
-
-def _told(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a user's dynamics tells of itself by ``fingerprint()``, with its class name."""
-    name = type(dynamics).__name__
-    if not offers(dynamics, "fingerprint"):
-        raise ValueError(
-            f"dynamics: {name} is user-defined and has no fingerprint; give it a method fingerprint() that returns "
-            "everything that decides its values, such as ['version 1', self.loss]"
-        )
-    told = dynamics.fingerprint()
-    parts = [told] if isinstance(told, (str, numbers.Real, np.ndarray)) else told
-    meta: dict[str, Any] = {"own dynamics": name}
-    arrays: dict[str, Any] = {}
-    if not isinstance(parts, (list, tuple)) or not parts:
-        raise ValueError(f"dynamics: {name}.fingerprint() must return a text or a list, got {told!r}")
-    for place, part in enumerate(parts):
-        if isinstance(part, np.ndarray) and part.dtype.kind in "biuf":
-            meta[f"part {place}"] = (part.shape, part.dtype.str)
-            arrays[f"part {place}"] = part
-        elif isinstance(part, (str, bool, numbers.Real)):
-            meta[f"part {place}"] = part if isinstance(part, (str, bool)) else float(part)
-        else:
-            raise ValueError(
-                f"dynamics: {name}.fingerprint() may hold text, numbers and arrays of numbers, got {part!r}"
-            )
-    return meta, arrays
-
-
-def _described(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """A built-in dynamics as plain values and arrays; private state (the bound benefits) is left out."""
-    name = type(dynamics).__name__
-    if is_own(dynamics):
-        raise ValueError(
-            f"dynamics: {name} is user-defined; only problems with dynamics of sapopt can be written"
-        )
-    meta: dict[str, Any] = {"dynamics": name}
-    arrays: dict[str, Any] = {}
-    for item in dataclasses.fields(dynamics):
-        value = getattr(dynamics, item.name)
-        if item.name == "benefits":
-            continue
-        if isinstance(value, np.ndarray) or sp.issparse(value):
-            arrays[f"dynamics.{item.name}"] = np.asarray(value)
-        else:
-            meta[f"dynamics.{item.name}"] = value
-    return meta, arrays
-
-
-def _rebuilt(meta: dict[str, Any], arrays: dict[str, Any]) -> Any:
-    name = meta["dynamics"]
-    if name not in BUILT_IN:
-        raise ValueError(f"unknown dynamics {name!r}; the file was written by another version")
-    prefix = "dynamics."
-    options = {key[len(prefix) :]: v for key, v in (meta | arrays).items() if key.startswith(prefix)}
-    return BUILT_IN[name](**options)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sapopt.data.files import write_text
 from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
 from sapopt.report.data import payload
@@ -103,12 +104,7 @@ def report(
             )
     headline = title or f"{problem.n} agents, {problem.m} tasks, {problem.T} steps"
     data = payload(problem, {str(k): r for k, r in named.items()}, tightest, prices, scenario, headline)
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(_page(data), encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_text(path, _page(data))
     return path
 
 

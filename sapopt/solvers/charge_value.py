@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sapopt.data.files import write_text
 from sapopt.data.types import FloatArray
 from sapopt.problem.sap import SAP
 
@@ -111,7 +112,7 @@ class ChargeValue:
     def save(self, path: str | Path) -> None:
         """Write the table as JSON."""
         record = {"format": _FORMAT, "about": self.about, "table": np.round(self.table, 4).tolist()}
-        Path(path).write_text(json.dumps(record), encoding="utf-8")
+        write_text(path, json.dumps(record))
 
     @classmethod
     def load(cls, name: str | Path) -> ChargeValue:

@@ -13,17 +13,24 @@ import json
 import logging
 import os
 import re
+import socket
+import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from sapopt.data.files import write_text
+
 log = logging.getLogger(__name__)
 
+_ABANDONED_SECONDS = (
+    24 * 3600.0
+)  # a part of a file that has not grown for so long was left by a killed process
 _ATTEMPTS = 3
 """Times in a row that workers may die without a single job finishing."""
 
@@ -96,7 +103,8 @@ def run_jobs(
         No two of the same key.
     folder : path
         Gets one file ``KEY.json`` for every job that succeeded, as soon as it has, whole or not at all. Jobs whose file
-        is there are not done again; failed ones are. A damaged file is removed and its job done again.
+        is there are not done again; failed ones are. A damaged file, or one of another job, is set aside as
+        ``KEY.damaged`` and its job done again.
     cluster : str, optional
         Address of a Dask scheduler such as ``tcp://host:8786``; processes of this machine by default.
     workers : int, optional
@@ -170,43 +178,65 @@ def _usable(folder: Path) -> Path:
 
 
 def _known(folder: Path, job: Job) -> Finished | None:
-    """What an earlier run left of a job; None if there is nothing, or nothing readable."""
+    """What an earlier run left of a job; None if there is nothing, or nothing readable, which is set aside."""
     path = folder / f"{job.key}.json"
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
+        if held["job"] != json.loads(json.dumps(job.spec)):
+            raise ValueError("it holds another job")
         return Finished(job, dict(held["record"]), None, float(held["seconds"]), fresh=False)
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        log.warning("%s is damaged; the job is done again", path)
-        path.unlink(missing_ok=True)
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        aside = path.with_suffix(".damaged")
+        log.warning("%s is damaged; it is set aside as %s, and the job is done again", path, aside.name)
+        with suppress(FileNotFoundError):  # another worker was first
+            path.replace(aside)
         return None
 
 
 @contextmanager
 def _mark(folder: Path) -> Iterator[Path]:
     """A file by which workers know that they see the very folder of this sweep."""
+    _tidy(folder)
     path = folder / f".sweep-{uuid4().hex}"
-    path.touch()
+    path.write_text(json.dumps({"host": socket.gethostname(), "pid": os.getpid()}), encoding="utf-8")
     try:
         yield path
     finally:
         path.unlink(missing_ok=True)
 
 
+def _tidy(folder: Path) -> None:
+    """Remove the marks of sweeps on this machine whose process is no more, and parts of files that nobody writes."""
+    for mark in folder.glob(".sweep-*"):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            owner = json.loads(mark.read_text(encoding="utf-8"))
+            if owner["host"] == socket.gethostname() and not _is_alive(int(owner["pid"])):
+                mark.unlink()
+    for part in folder.glob(".sapopt-*.part"):
+        with suppress(OSError):
+            if time.time() - part.stat().st_mtime > _ABANDONED_SECONDS:
+                part.unlink()
+
+
+def _is_alive(pid: int) -> bool:
+    if sys.platform == "win32":  # there, a signal of 0 ends the process
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
 def _write(folder: Path, job: Job, record: Mapping[str, Any], seconds: float) -> None:
     """Write a job's file, whole or not at all."""
     path = folder / f"{job.key}.json"
-    temporary = path.with_suffix(f".{uuid4().hex}.part")
     content = {"label": job.label, "job": job.spec, "seconds": seconds, "record": record}
-    try:
-        with temporary.open("w", encoding="utf-8") as file:
-            json.dump(content, file, indent=1, allow_nan=False)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_text(path, json.dumps(content, indent=1, allow_nan=False))
 
 
 Function = Callable[[dict[str, Any]], dict[str, Any]]

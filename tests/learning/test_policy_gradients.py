@@ -117,7 +117,7 @@ def test_weights_that_do_not_fit(name: str, tmp_path: Path) -> None:
     short = replace(options, episodes=2)
     train(problems, short, tmp_path)
     path = tmp_path / "checkpoint.npz"
-    meta, arrays = read_npz(path, "sapopt-policy-checkpoint-1")
+    meta, arrays = read_npz(path, "sapopt-policy-checkpoint-1", {}, 2**20, prefix="")
     key = next(key for key in arrays if key.startswith("actor/") and arrays[key].ndim == 2)
     for bad in (arrays[key][:, :-1], np.full_like(arrays[key], np.nan)):
         write_npz(path, meta, arrays | {key: bad})
