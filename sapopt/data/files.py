@@ -224,7 +224,9 @@ def _check(
     if total > most_bytes:
         raise ValueError(f"its arrays take {total / 2**20:.0f} MiB, more than {most_bytes // 2**20} MiB")
     for name in sorted(names):
-        entry = entries.get(name, Entry("biuf") if prefix is not None and name.startswith(prefix) else None)
+        entry = entries.get(name)
+        if entry is None and prefix is not None and name.startswith(prefix):
+            entry = Entry("biuf")
         if entry is None:
             raise ValueError(f"it holds {name!r}, which does not belong there")
         reason = entry.refusal(*_described(archive, members[name]))

@@ -132,7 +132,7 @@ class Plain(Protocol):
         """The most that one handover costs."""
 
     def terms(self, tasks: IntArray) -> FloatArray:
-        """Benefit plus handover (T, n) of every pair of a plan (T, n) of tasks."""
+        """Benefit and handover (2, T, n) of every pair of a plan (T, n) of tasks, each without a rounding error."""
 
     def path_values(self, prices: FloatArray) -> FloatArray:
         """Value (n,) of every agent's longest path under task prices (T, m)."""

@@ -38,9 +38,9 @@ def fingerprint(shape: tuple[int, int, int], flat: Flat, initial: IntArray | Non
     digest.update(repr((shape, sorted((key, plain(value)) for key, value in meta.items()))).encode())
     for name, array in arrays.items():
         wide = np.asarray(array)
-        wide = wide + 0.0 if wide.dtype.kind == "f" else wide.astype(np.int64)
+        wide = wide.astype(np.float64) + 0.0 if wide.dtype.kind == "f" else wide.astype(np.int64)
         digest.update(repr((name, wide.shape, wide.dtype.kind)).encode())
-        digest.update(np.ascontiguousarray(wide, dtype=np.float64 if wide.dtype.kind == "f" else np.int64))
+        digest.update(np.ascontiguousarray(wide).tobytes())
     return digest.hexdigest()
 
 

@@ -11,18 +11,26 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.benefits import dense_step
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, real_array
 from sapopt.dynamics.paths.oracles import LocalOracle
 from sapopt.problem.sap import SAP
 
+_EPS = float(np.finfo(np.float64).eps)
+
 
 def plain_value(problem: SAP, plan: Any) -> float:
-    """Value of a plan, pair by pair.
+    """Value of a plan, pair by pair: the greatest float64 that is not above the exact sum.
 
     Parameters
     ----------
     problem : SAP
     plan : array_like of int, shape (T, n)
+
+    Returns
+    -------
+    float
+        Benefits and handovers are added without a rounding error. The handovers themselves are exact for the rules of
+        `SwitchingCost` and `Battery`; those of other dynamics count as the float64 that the dynamics returns.
 
     Raises
     ------
@@ -39,21 +47,37 @@ def plain_value(problem: SAP, plan: Any) -> float:
     plain = problem.model.plain(problem)
     worth = _terms(problem, tasks) if plain is None else plain.terms(tasks)
     if not np.isfinite(worth).all():
-        raise ValueError(f"the plan uses a forbidden pair at step {np.argwhere(~np.isfinite(worth))[0][0]}")
-    return math.fsum(worth.ravel().tolist())
+        raise ValueError(f"the plan uses a forbidden pair at step {np.argwhere(~np.isfinite(worth))[0][1]}")
+    return sum_down(worth.ravel().tolist())
+
+
+def sum_down(numbers: list[float]) -> float:
+    """The greatest float64 that is not above the exact sum.
+
+    Raises
+    ------
+    ValueError
+        If the sum overflows.
+    """
+    try:
+        nearest = math.fsum(numbers)
+        # `math.fsum` rounds the exact sum once, so the sign of what is left tells which way it went.
+        return nearest if math.fsum([*numbers, -nearest]) >= 0 else math.nextafter(nearest, -math.inf)
+    except OverflowError:
+        raise ValueError("the numbers are so large that their sum overflows") from None
 
 
 def _terms(problem: SAP, tasks: IntArray) -> FloatArray:
-    """Benefit plus handover (T, n) of every pair, from the matrices of a dynamics that has no plainer form."""
-    terms = np.full(tasks.shape, -np.inf)
+    """Benefit, handover and interaction (3, T, n) of every pair, from the matrices of a dynamics that has no plainer form."""
+    terms = np.zeros((3, *tasks.shape))
     agents, model = np.arange(problem.n), problem.model
     state = problem.initial_state()
     for k in range(problem.T):
-        eta = problem.handover(k, state)[agents, tasks[k]]
+        terms[0, k] = dense_step(problem.benefits.step(k))[agents, tasks[k]]
+        terms[1, k] = problem.handover(k, state)[agents, tasks[k]]
         if model.interacts:
-            eta = eta + model.interaction(k, tasks[k])
-        terms[k] = dense_step(problem.benefits.step(k))[agents, tasks[k]] + eta
-        if not np.isfinite(terms[k]).all():
+            terms[2, k] = model.interaction(k, tasks[k])
+        if not np.isfinite(terms[:, k]).all():
             break
         state = problem.transition(k, state, tasks[k].astype(np.int64))
     return terms
@@ -79,30 +103,38 @@ def plain_bound(problem: SAP, prices: Any) -> float:
     ValueError
         If the prices do not prove a bound, or the dynamics has no agent-local form.
     """
-    mu = np.asarray(prices, dtype=np.float64)
+    mu = real_array(prices, "prices")
     if mu.shape != (problem.T, problem.m):
         raise ValueError(f"prices must have shape (T, m) = {(problem.T, problem.m)}, got {mu.shape}")
     if not np.isfinite(mu).all() or (mu < 0).any():
         raise ValueError("prices must be finite and not negative")
     plain = problem.model.plain(problem)
-    if plain is None:
-        values, charge = _local_values(problem, mu)
-    else:
-        values, charge = plain.path_values(mu), plain.largest_charge
-    total = math.fsum(values.tolist()) + math.fsum(mu.ravel().tolist())
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+            if plain is None:
+                values, charges = _local_values(problem, mu)
+            else:
+                values, charges = plain.path_values(mu), plain.largest_charge * problem.T
+        total = math.fsum([*values.tolist(), *mu.ravel().tolist()])
+    except OverflowError:
+        total = math.inf
+    if not math.isfinite(total):
+        raise ValueError("prices and benefits are so large that the bound overflows")
     # A path's value is the result of at most 4 T + 4 roundings of numbers no larger than `size`.
-    size = charge * problem.T
+    size = charges
     for k in range(problem.T):
         step = problem.benefits.step(k)
         entries = step if isinstance(step, np.ndarray) else step.data
         finite = np.abs(entries[np.isfinite(entries)])
         size += float(finite.max(initial=0.0)) + float(mu[k].max())
-    rounding = (4 * problem.T + 4) * np.finfo(np.float64).eps * (problem.n * size + abs(total))
-    return float(np.nextafter(total + rounding, np.inf))
+    rounding = (4 * problem.T + 4) * _EPS * problem.n * size + _EPS * abs(total)
+    return math.nextafter(math.nextafter(total + rounding, math.inf), math.inf)
 
 
 def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:
-    """Path values by the plain dynamic programme over declared local states."""
+    """Path values by the plain dynamic programme over declared local states, and the sum over the steps of the most
+    that a handover is worth, either way.
+    """
     model = problem.model
     if not model.is_agent_local:
         raise ValueError(f"dynamics: {problem.model.called} is not agent-local, so prices prove nothing")
@@ -115,7 +147,14 @@ def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:
     if not isinstance(oracle, LocalOracle):
         raise ValueError(f"dynamics: {problem.model.called} has no plain path recursion to verify with")
     values, _ = oracle.best_paths(mu)
-    return values, float(np.abs(values).max(initial=0.0))
+    charges = 0.0
+    for k in range(problem.T):
+        benefit, most = dense_step(problem.benefits.step(k)), 0.0
+        for i in range(problem.n):
+            handover = np.asarray(oracle.model.step(k, i, benefit[i])[1])
+            most = max(most, float(np.abs(handover[np.isfinite(handover)]).max(initial=0.0)))
+        charges += most
+    return values, charges
 
 
 def check_local_model(problem: SAP, plan: IntArray) -> None:

@@ -34,7 +34,7 @@ class PlainBattery:
         return self.rule.cost
 
     def terms(self, tasks: IntArray) -> FloatArray:
-        """Benefit plus handover (T, n) of every pair of a plan."""
+        """Benefit and handover (2, T, n) of every pair of a plan, each without a rounding error."""
         return plain_terms(self.rule, self.problem, tasks)
 
     def path_values(self, prices: FloatArray) -> FloatArray:
@@ -46,7 +46,7 @@ class PlainBattery:
 
 
 def plain_terms(dynamics: Battery, problem: Setting, tasks: IntArray) -> FloatArray:
-    """Benefit plus handover (T, n) of every pair of a plan, by following every agent with its charge as a fraction."""
+    """What every pair of a plan yields and what it pays (2, T, n), by following every agent with its charge as a fraction."""
     drain, charge, capacity = (
         Fraction(x).limit_denominator(10**4) for x in (dynamics.drain, dynamics.charge, dynamics.capacity)
     )
@@ -54,17 +54,17 @@ def plain_terms(dynamics: Battery, problem: Setting, tasks: IntArray) -> FloatAr
     level = [Fraction(float(x)).limit_denominator(10**4) for x in np.broadcast_to(first, problem.n)]
     held = None if problem.initial_assignment is None else problem.initial_assignment.tolist()
     worked = [held is not None] * problem.n
-    terms = np.empty(tasks.shape)
+    terms = np.zeros((2, *tasks.shape))
     for k in range(problem.T):
         benefits = dense_step(problem.benefits.step(k))[np.arange(problem.n), tasks[k]].tolist()
         for i, (task, benefit) in enumerate(zip(tasks[k].tolist(), benefits, strict=True)):
             works = benefit > 0 and level[i] > 0
             if works:
                 stays = held is None or (held[i] == task and (worked[i] or dynamics.pay_for == "moves"))
-                terms[k, i] = benefit if stays else benefit - dynamics.cost
+                terms[:, k, i] = benefit, 0.0 if stays else -dynamics.cost
                 level[i] = max(level[i] - drain, Fraction(0))
             else:
-                terms[k, i] = min(benefit, 0.0)
+                terms[0, k, i] = min(benefit, 0.0)
                 if level[i] > 0:
                     level[i] = min(level[i] + charge, capacity)
             worked[i] = works

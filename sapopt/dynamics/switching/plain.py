@@ -30,13 +30,13 @@ class PlainSwitching:
         return self.rule.largest_cost
 
     def terms(self, tasks: IntArray) -> FloatArray:
-        """Benefit plus handover (T, n) of every pair of a plan."""
-        out = np.empty(tasks.shape)
+        """Benefit and handover (2, T, n) of every pair of a plan, each without a rounding error."""
+        out = np.empty((2, *tasks.shape))
         agents = np.arange(self.problem.n)
         held = self.problem.initial_assignment
         for k in range(self.problem.T):
             benefit = dense_step(self.problem.benefits.step(k))[agents, tasks[k]]
-            out[k] = benefit - _charges(self.rule, held, tasks[k], benefit)
+            out[:, k] = benefit, -_charges(self.rule, held, tasks[k], benefit)
             held = tasks[k]
         return out
 
