@@ -224,12 +224,10 @@ def _check(
     if total > most_bytes:
         raise ValueError(f"its arrays take {total / 2**20:.0f} MiB, more than {most_bytes // 2**20} MiB")
     for name in sorted(names):
-        entry = entries.get(name)
-        if entry is None and prefix is not None and name.startswith(prefix):
-            entry = Entry("biuf")
-        if entry is None:
+        known = entries.get(name)
+        if known is None and (prefix is None or not name.startswith(prefix)):
             raise ValueError(f"it holds {name!r}, which does not belong there")
-        reason = entry.refusal(*_described(archive, members[name]))
+        reason = (known or Entry("biuf")).refusal(*_described(archive, members[name]))
         if reason:
             raise ValueError(f"the array {name!r} {reason}")
 

@@ -26,6 +26,8 @@ from sapopt.data.benefits import dense_step
 from sapopt.problem.sap import SAP
 from sapopt.proofs.conditions import Conditions, conditions, handover_range
 
+_NUMBERS = ("least_benefit", "least_benefit_by_entry", "handover_size", "c", "ratio", "refined_ratio")
+
 
 @runtime_checkable
 class Guaranteed(Protocol):
@@ -70,8 +72,35 @@ class Guarantee:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Guarantee:
-        """Undo `dataclasses.asdict`."""
+        """Undo `dataclasses.asdict`.
+
+        Raises
+        ------
+        TypeError, KeyError
+            If the values are not of the kinds that a guarantee has.
+        """
+        for name in _NUMBERS:
+            if isinstance(values[name], bool) or not isinstance(values[name], (int, float)):
+                raise TypeError(f"{name} is no number")
+            if isinstance(values[name], int) and abs(values[name]) > 2**53:
+                raise TypeError(f"{name} is no float64")
         return cls(**{**values, "conditions": Conditions(**values["conditions"])})
+
+    def excess(self, other: Guarantee) -> str:
+        """What this promises beyond another guarantee, by name and the other's number; empty if nothing.
+
+        The numbers are sums over a step in an order that depends on the machine, so a share of 1e-12 may differ.
+        """
+        for name in _NUMBERS:
+            mine, theirs = float(getattr(self, name)), float(getattr(other, name))
+            if math.isnan(mine) or mine == theirs:
+                if math.isnan(mine) != math.isnan(theirs):
+                    return f"{name} of {theirs!r}"
+                continue
+            near = math.isclose(mine, theirs, rel_tol=1e-12, abs_tol=0.0)
+            if not near and not (mine > theirs if name == "handover_size" else mine < theirs):
+                return f"{name} of {theirs!r}"
+        return "" if repr(self.conditions) == repr(other.conditions) else "set of conditions that differs"
 
     @property
     def applies(self) -> bool:

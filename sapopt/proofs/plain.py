@@ -68,7 +68,7 @@ def sum_down(numbers: list[float]) -> float:
 
 
 def _terms(problem: SAP, tasks: IntArray) -> FloatArray:
-    """Benefit, handover and interaction (3, T, n) of every pair, from the matrices of a dynamics that has no plainer form."""
+    """Benefit, handover and interaction (3, T, n) of every pair, from the matrices of any dynamics."""
     terms = np.zeros((3, *tasks.shape))
     agents, model = np.arange(problem.n), problem.model
     state = problem.initial_state()
@@ -129,6 +129,14 @@ def plain_bound(problem: SAP, prices: Any) -> float:
         size += float(finite.max(initial=0.0)) + float(mu[k].max())
     rounding = (4 * problem.T + 4) * _EPS * problem.n * size + _EPS * abs(total)
     return math.nextafter(math.nextafter(total + rounding, math.inf), math.inf)
+
+
+def handover_weight(problem: SAP, plan: IntArray, prices: FloatArray) -> float:
+    """The sizes of all handovers behind value and bound, added up; 0 for a rule that is exact on every machine."""
+    if problem.model.plain(problem) is not None:
+        return 0.0
+    paid = float(np.abs(_terms(problem, plan)[1:]).sum())
+    return paid + problem.n * _local_values(problem, prices)[1]
 
 
 def _local_values(problem: SAP, mu: FloatArray) -> tuple[FloatArray, float]:

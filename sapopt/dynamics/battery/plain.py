@@ -46,7 +46,7 @@ class PlainBattery:
 
 
 def plain_terms(dynamics: Battery, problem: Setting, tasks: IntArray) -> FloatArray:
-    """What every pair of a plan yields and what it pays (2, T, n), by following every agent with its charge as a fraction."""
+    """What every pair of a plan yields and what it pays (2, T, n): every agent is followed, its charge a fraction."""
     drain, charge, capacity = (
         Fraction(x).limit_denominator(10**4) for x in (dynamics.drain, dynamics.charge, dynamics.capacity)
     )
