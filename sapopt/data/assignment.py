@@ -157,18 +157,13 @@ def _scipy_matching(matrix: GainMatrix, backend: Backend) -> tuple[IntArray, Int
         chosen = linear_sum_assignment(dense, maximize=True)[1].astype(np.int64)
         chosen[dense[np.arange(n), chosen] <= 0] = -1
     else:
-        from scipy.sparse.csgraph import min_weight_full_bipartite_matching
-
         rows = np.repeat(np.arange(n), np.diff(weights.row_start))
         keep = (weights.gains > 0) & (weights.tasks != weights.held[rows])
         holds = np.flatnonzero(weights.held_gain > 0)
         row = np.concatenate([rows[keep], holds, np.arange(n)])
         column = np.concatenate([weights.tasks[keep], weights.held[holds], m + np.arange(n)])
         gain = np.concatenate([weights.gains[keep], weights.held_gain[holds], np.zeros(n)])
-        # scipy drops entries of weight zero; a constant added to all changes nothing, since every row is matched.
-        top = gain.max() + 1.0
-        graph = sp.csr_array((top - gain, (row, column)), shape=(n, m + n))
-        chosen = min_weight_full_bipartite_matching(graph)[1].astype(np.int64)
+        chosen = _heaviest(gain, row, column, (n, m + n))
         chosen[chosen >= m] = -1
     owner = np.full(m, -1)
     owner[chosen[chosen >= 0]] = np.flatnonzero(chosen >= 0)
@@ -176,6 +171,19 @@ def _scipy_matching(matrix: GainMatrix, backend: Backend) -> tuple[IntArray, Int
     u, p = duals(*rows_of, chosen, owner)
     settle_ties(*rows_of, chosen, owner, u, p)
     return chosen, owner
+
+
+def _heaviest(gain: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> IntArray:
+    """Column of every row in the matching of greatest total gain, by scipy; gains are not negative."""
+    from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+
+    # A power of two changes no bit of a gain, and far from both ends of float64 no sum under- or overflows.
+    scaled = np.ldexp(gain, 100 - int(np.frexp(gain.max())[1])) if gain.max() > 0 else gain
+    # scipy drops entries of weight zero, so an idle agent gains the least number there is.
+    weight = np.maximum(scaled, np.nextafter(0.0, 1.0))
+    graph = sp.csr_array((weight, (row, column)), shape=shape)
+    found: IntArray = min_weight_full_bipartite_matching(graph, maximize=True)[1].astype(np.int64)
+    return found
 
 
 def _parking_order(parking: IntArray | None, m: int) -> IntArray:

@@ -71,3 +71,13 @@ def _refuse_masked(values: Any, name: str) -> None:
                 _refuse_masked(value, name)
     if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
         raise ValueError(f"{name} must not be masked; fill the masked entries")
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Typical size of the numbers that are finite; 1 where there are none but zeros.
+
+    The squares are those of shares of the greatest number: they neither overflow nor vanish, whatever the scale.
+    """
+    sizes = np.abs(values[np.isfinite(values)])
+    top = float(sizes.max(initial=0.0))
+    return top * float(np.sqrt(np.mean((sizes / top) ** 2))) if top > 0 else 1.0

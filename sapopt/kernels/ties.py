@@ -11,7 +11,7 @@ import numpy as np
 
 from sapopt.kernels.jit import njit
 
-_TIGHT = 1e-11  # relative to the greatest gain: a pair with less slack counts as tight
+_TIGHT = 1e-11  # relative to the greatest gain of the agent: a pair with less slack counts as tight
 
 Walk = namedtuple("Walk", "seen parent taken queue option")
 """Work arrays of a breadth-first walk. Of every agent, and the pool as node n: the stamp of the last walk that has
@@ -28,12 +28,12 @@ def settle(row_start, tasks, gains, chosen, owner, u, p):
     and costs one pass over the tight pairs.
     """
     n = len(chosen)
-    top = 0.0
+    # Each agent has a tolerance of its own: where one gains 1e9, thousandths of the others are no ties.
+    tol = np.zeros(n)
     for i in range(n):
         if row_start[i] < row_start[i + 1]:
-            top = max(top, gains[row_start[i]])
-    tol = _TIGHT * top
-    if top > 0.0 and _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
+            tol[i] = _TIGHT * gains[row_start[i]]
+    if row_start[n] > 0 and _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
         _smallest(row_start, tasks, gains, chosen, owner, u, p, tol)
 
 
@@ -55,10 +55,10 @@ def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
     size = 0
     for i in range(n):
         begin = count
-        if chosen[i] >= 0 and u[i] <= tol:
+        if chosen[i] >= 0 and u[i] <= tol[i]:
             head[count] = n
             count += 1
-        least = u[i] - tol
+        least = u[i] - tol[i]
         for e in range(row_start[i], row_start[i + 1]):
             if gains[e] < least:
                 break
@@ -75,7 +75,7 @@ def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
         into[head[e]] += 1
     for q in range(size):  # the moves out of the pool
         i = movers[q]
-        if chosen[i] < 0 or p[chosen[i]] <= tol:
+        if chosen[i] < 0 or p[chosen[i]] <= tol[i]:
             into[i] += 1
 
     stack = np.empty(size + 1, np.int64)
@@ -95,7 +95,7 @@ def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
         if v == n:
             for q in range(size):
                 i = movers[q]
-                if chosen[i] < 0 or p[chosen[i]] <= tol:
+                if chosen[i] < 0 or p[chosen[i]] <= tol[i]:
                     into[i] -= 1
                     if into[i] == 0:
                         stack[waiting] = i
@@ -147,9 +147,9 @@ def _tight(i, row_start, tasks, gains, u, p, tol, option):
     """List the tasks that agent i may have in an optimal matching as far as its own duals tell."""
     size = 0
     for e in range(row_start[i], row_start[i + 1]):
-        if gains[e] < u[i] - tol:
+        if gains[e] < u[i] - tol[i]:
             break
-        if gains[e] - p[tasks[e]] >= u[i] - tol:
+        if gains[e] - p[tasks[e]] >= u[i] - tol[i]:
             option[size] = tasks[e]
             size += 1
     return size
@@ -165,7 +165,7 @@ def _redirect(i, wish, row_start, tasks, gains, chosen, owner, u, p, tol, stamp,
     seen, parent, taken, queue, option = walk
     n = len(chosen)
     left = chosen[i]
-    left_may_stay_free = left < 0 or p[left] <= tol
+    left_may_stay_free = left < 0 or p[left] <= tol[i]
     node = owner[wish] if owner[wish] >= 0 else n
     if node < i:
         return False
@@ -183,14 +183,14 @@ def _redirect(i, wish, row_start, tasks, gains, chosen, owner, u, p, tol, stamp,
                 end = n
                 break
             for other in range(i + 1, n):
-                if seen[other] != stamp and (chosen[other] < 0 or p[chosen[other]] <= tol):
+                if seen[other] != stamp and (chosen[other] < 0 or p[chosen[other]] <= tol[other]):
                     seen[other] = stamp
                     parent[other] = n
                     taken[other] = -2
                     queue[tail] = other
                     tail += 1
             continue
-        if chosen[r] >= 0 and u[r] <= tol and seen[n] != stamp:
+        if chosen[r] >= 0 and u[r] <= tol[r] and seen[n] != stamp:
             seen[n] = stamp
             parent[n] = r
             taken[n] = -1
@@ -246,19 +246,17 @@ def duals(row_start, tasks, gains, chosen, owner):
     """
     n, m = len(chosen), len(owner)
     own = np.zeros(n)
-    top = 0.0
     for i in range(n):
         for e in range(row_start[i], row_start[i + 1]):
-            top = max(top, gains[e])
             if tasks[e] == chosen[i]:
                 own[i] = gains[e]
     p = np.zeros(m)
-    slack = 1e-14 * top  # below rounding: a cycle of gain zero must not be chased
     for _ in range(n + 1):
         moved = False
         for i in range(n):
             c = chosen[i]
             utility = own[i] - p[c] if c >= 0 else 0.0
+            slack = 1e-14 * gains[row_start[i]] if row_start[i] < row_start[i + 1] else 0.0  # below rounding
             for e in range(row_start[i], row_start[i + 1]):
                 j = tasks[e]
                 if gains[e] - utility <= slack:

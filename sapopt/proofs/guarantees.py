@@ -197,9 +197,11 @@ def _most(step: Any) -> float:
     row = np.concatenate([np.repeat(agents, np.diff(step.indptr)), agents])
     column = np.concatenate([step.indices, m + agents])  # one column of its own for every idle agent
     gain = np.concatenate([step.data, np.zeros(n)])
-    # scipy drops entries of weight zero; a constant added to all changes nothing, since every agent is matched.
-    graph = sp.csr_array((gain.max() + 1.0 - gain, (row, column)), shape=(n, m + n))
-    held = min_weight_full_bipartite_matching(graph)[1]
+    # A power of two changes no bit of a gain, and far from both ends of float64 no sum under- or overflows. scipy drops
+    # entries of weight zero, so an idle agent gains the least number there is.
+    scaled = np.ldexp(gain, 100 - int(np.frexp(gain.max())[1])) if gain.max() > 0 else gain
+    graph = sp.csr_array((np.maximum(scaled, np.nextafter(0.0, 1.0)), (row, column)), shape=(n, m + n))
+    held = min_weight_full_bipartite_matching(graph, maximize=True)[1]
     chosen = sp.csr_array((gain, (row, column)), shape=(n, m + n))[agents, held]
     return math.fsum(np.asarray(chosen).ravel().tolist())
 

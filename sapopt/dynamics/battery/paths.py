@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sapopt.data.matrices import GainMatrix
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.battery import hard as kernels
 from sapopt.dynamics.battery import soft as soft
 from sapopt.dynamics.battery.hard import Before, Rule, link_rows
@@ -79,8 +79,7 @@ class BatteryPaths:
     @property
     def scale(self) -> float:
         """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
-        finite = self.rows.data[np.isfinite(self.rows.data)]
-        return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+        return root_mean_square(self.rows.data)
 
     @property
     def coldest(self) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.copies import hard as kernels
 from sapopt.dynamics.copies import seen as seen
 from sapopt.dynamics.paths.window import flat_benefits
@@ -56,8 +56,7 @@ class SyntheticPaths:
     @property
     def scale(self) -> float:
         """Typical size of a benefit: root mean square of the finite entries (1 if there are none)."""
-        finite = self.window.data[np.isfinite(self.window.data)]
-        return float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+        return root_mean_square(self.window.data)
 
     @property
     def coldest(self) -> float:

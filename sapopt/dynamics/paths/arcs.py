@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.paths import arcs_kernels as kernels
 
 
@@ -101,7 +101,7 @@ class ArcPaths:
         """Typical gain of a move: root mean square."""
         first_arc = self.graph.first[self.graph.node_ptr[0]]
         gains = self.graph.gain[first_arc:][self.graph.task[first_arc:] >= 0]
-        return (float(np.sqrt(np.mean(gains**2))) if gains.size else 0.0) or 1.0
+        return root_mean_square(gains)
 
     @property
     def coldest(self) -> float:

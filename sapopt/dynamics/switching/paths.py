@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.paths import first_rows as rows
 from sapopt.dynamics.paths.first_rows import FirstRows
 from sapopt.dynamics.paths.oracles import PathOracle
@@ -34,8 +34,7 @@ class _Switching:
         _, n, m = self._shape
         if np.isnan(data).any() or np.isposinf(data).any():
             raise ValueError("benefits: NaN or +inf found; use finite numbers, or -inf for a forbidden pair")
-        finite = data[np.isfinite(data)]
-        self._scale = float(np.sqrt(np.mean(finite**2))) if finite.size else 1.0
+        self._scale = root_mean_square(data)
         start = np.full(n, -1, dtype=np.int64)
         if state is not None:
             held = np.asarray(state, dtype=np.int64)
