@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import numbers
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import Any
 
 from sapopt.data.types import FloatArray
-from sapopt.formulations.bounds import dual_bound, stepwise_bound
-from sapopt.problem.result import Result
+from sapopt.formulations.bounds import cancellation, dual_bound, stepwise_bound
+from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prove
 from sapopt.running.control import Callback, Run, interruptible
@@ -17,6 +18,8 @@ from sapopt.running.outlook import Forecast, Policy, rollout
 from sapopt.solvers.base import Outcome, Planner, Solver
 
 log = logging.getLogger(__name__)
+
+_OPTIMAL = 1e-7  # relative: what a plan that counts as optimal may lack because of rounding
 
 
 def solve(
@@ -80,13 +83,25 @@ def solve(
                 played = rollout(problem, solver, run, forecast)
                 outcome = Outcome(played.plan, played.status, trace=played.trace)
             else:
-                outcome = solver.plan(problem, run)
+                outcome = _padded(problem, solver.plan(problem, run))
         runtime = run.seconds
     _tell_compiling(run)
     return Result(
         outcome.plan, problem.evaluate(outcome.plan), outcome.status, runtime, solver.name, outcome.bound,
         outcome.trace, seed, outcome.prices, problem,
     )  # fmt: skip
+
+
+def _padded(problem: SAP, outcome: Outcome) -> Outcome:
+    """What a planner proved, with what rounding may have hidden from it; a proof of optimality may not survive that."""
+    if outcome.bound is None:
+        return outcome
+    hidden = cancellation(problem)
+    if hidden == 0.0:
+        return outcome
+    is_proven = hidden <= _OPTIMAL * abs(outcome.bound)
+    status = Status.FEASIBLE if outcome.status is Status.OPTIMAL and not is_proven else outcome.status
+    return replace(outcome, bound=outcome.bound + hidden, status=status)
 
 
 def _tell_compiling(run: Run) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from sapopt.data.types import FloatArray
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound
 from sapopt.running.control import Run
+
+_EPS = float(np.finfo(np.float64).eps)
 
 
 def stepwise_bound(problem: SAP, run: Run | None = None) -> Bound:
@@ -39,8 +42,52 @@ def stepwise_bound(problem: SAP, run: Run | None = None) -> Bound:
             total += float(dense_step(problem.benefits.step(k)).max(axis=1).sum())
         else:
             total += best_assignment(_matrix(problem, k), order).value
-    padding = 1e-12 * max(1.0, abs(total))
-    return Bound(total + problem.T * problem.n * float(limit) + padding, None, "sum of alpha(beta_k)")
+    total += problem.T * problem.n * float(limit)
+    # Every step adds up n numbers, in an order that is scipy's, and the steps are added up.
+    size = problem.n * sum(largest_benefits(problem)) + problem.T * problem.n * abs(float(limit))
+    padding = 4.0 * (problem.n + problem.T) * _EPS * size
+    return Bound(math.nextafter(total + padding, math.inf), None, "sum of alpha(beta_k)")
+
+
+def largest_benefits(problem: SAP) -> list[float]:
+    """The size of the largest benefit of every step, forbidden pairs left out."""
+    found = []
+    for k in range(problem.T):
+        step = problem.benefits.step(k)
+        entries = step if isinstance(step, np.ndarray) else step.data
+        found.append(float(np.abs(entries[np.isfinite(entries)]).max(initial=0.0)))
+    return found
+
+
+def cancellation(problem: SAP) -> float:
+    """What rounding may hide from a bound because numbers of both signs cancel out along a path.
+
+    The oracles pad their bounds by shares of the values of whole paths, which is safe as long as nothing is added that is
+    taken away again: benefits that are not negative, and handovers that only cost. Otherwise a partial sum may be far
+    larger than the value it ends in, as with benefits of 1e16, 1 and -1e16, and its last bits are lost.
+    """
+    lost = 0.0
+    if _has_negative(problem):
+        lost = sum(largest_benefits(problem))
+    limit = problem.model.handover_limit
+    states = problem.model.local_model(problem.benefits, problem.initial_state())
+    if states is not None and (limit is None or limit > 0):
+        for k in range(problem.T):
+            benefit, most = dense_step(problem.benefits.step(k)), 0.0
+            for i in range(problem.n):
+                handover = np.asarray(states.step(k, i, benefit[i])[1])
+                most = max(most, float(np.abs(handover[np.isfinite(handover)]).max(initial=0.0)))
+            lost += most
+    return 4.0 * (problem.T + 2) * _EPS * problem.n * lost
+
+
+def _has_negative(problem: SAP) -> bool:
+    for k in range(problem.T):
+        step = problem.benefits.step(k)
+        entries = step if isinstance(step, np.ndarray) else step.data
+        if (np.isfinite(entries) & (entries < 0)).any():
+            return True
+    return False
 
 
 def _matrix(problem: SAP, k: int) -> Any:
@@ -63,4 +110,6 @@ def dual_bound(problem: SAP, run: Run, prices: FloatArray | None, device: str) -
 
     limit = None if run.time_limit is None else max(run.seconds_left, 0.0)
     found = ascend(oracle, prices, time_limit=limit, callback=tell)
-    return Bound(float(found.bound), found.prices, "Lagrangian dual of the task capacities")
+    return Bound(
+        float(found.bound) + cancellation(problem), found.prices, "Lagrangian dual of the task capacities"
+    )

@@ -83,7 +83,7 @@ class Master:
         self.artificial = count = (
             n * T
         )  # a step of an agent that is left out, so that there always is a solution
-        self.penalty = 2.0 * (float(np.abs(stays.gain).max()) + 1.0)
+        self.penalty = 2.0 * (float(np.abs(stays.gain).max(initial=0.0)) + 1.0)
         low, high = stays.sides
         self.programme = GrowingProgramme(
             Programme(
