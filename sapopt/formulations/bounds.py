@@ -62,9 +62,9 @@ def largest_benefits(problem: SAP) -> list[float]:
 def cancellation(problem: SAP) -> float:
     """What rounding may hide from a bound because numbers of both signs cancel out along a path.
 
-    The oracles pad their bounds by shares of the values of whole paths, which is safe as long as nothing is added that is
-    taken away again: benefits that are not negative, and handovers that only cost. Otherwise a partial sum may be far
-    larger than the value it ends in, as with benefits of 1e16, 1 and -1e16, and its last bits are lost.
+    The oracles pad their bounds by shares of the values of whole paths. That is safe as long as nothing is added that
+    is taken away again: benefits that are not negative, and handovers that only cost. Otherwise a partial sum may be
+    far larger than the value it ends in, as with benefits of 1e16, 1 and -1e16, and its last bits are lost.
     """
     lost = 0.0
     if _has_negative(problem):
