@@ -238,6 +238,8 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
             "the certificate belongs to another problem: "
             f"its fingerprint is {str(claim.fingerprint)[:12]}..., the problem's is {fingerprint[:12]}..."
         )
+    if not isinstance(claim.guarantee, Guarantee):
+        raise CertificateError("the certificate holds no guarantee")
     value, bound = _number(claim.value, "value"), _number(claim.bound, "bound")
     proven = _proven(problem, claim.plan, claim.prices, claim.solver)
     if not value <= proven.value:

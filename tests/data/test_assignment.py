@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from strategies import arrays, full_assignment_exists, instances, quarters, sparse_quarters
 
-from sapopt import GainMatrix, InfeasibleError, assign
+from sapopt import SAP, Benefits, GainMatrix, InfeasibleError, assign
 from sapopt.data.assignment import best_assignment
 from sapopt.data.feasibility import explain_infeasible
 from sapopt.data.windows import WindowSums
@@ -295,3 +295,45 @@ def test_infeasibility_is_explained(data: st.DataObject) -> None:
         agents = [int(i) for i in words[0].split(",")]
         share = int(reason.split("allowed only ")[1].split()[0])
         assert allowed[agents].any(axis=0).sum() == share < len(agents)
+
+
+@pytest.mark.parametrize("backend", ["auto", "kernel", "scipy-sparse", "scipy-dense"])
+def test_ties_are_judged_by_the_agents_concerned(backend: Any) -> None:
+    """Where one agent gains 1e9, or 1e15, the thousandths of the others still decide what they do."""
+    for large in (1.0, 1e9, 1e15, 1e300):
+        gains = np.array([[0.001, 0.009, 0, 0], [0.002, 0.001, 0, 0], [0, 0, large, 0]])
+        np.testing.assert_array_equal(assign(gains, backend=backend), [1, 0, 2])
+
+
+def test_backends_agree_at_any_scale() -> None:
+    """From 1e-300 to 1e300 all backends find the same assignment."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        scale = 10.0 ** rng.uniform(-300, 300)
+        gains = rng.random((6, 8)) * (rng.random((6, 8)) < 0.5) * scale
+        found = [assign(gains, backend=b).tolist() for b in ("kernel", "scipy-sparse", "scipy-dense")]
+        assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("kind", ["u1", "i1", "f4", "?"])
+def test_pairs_listed_twice_are_added_up_as_numbers(kind: str) -> None:
+    """Entries of one pair are summed in float64, whatever the type of the matrix can hold."""
+    data = np.array([100, 100, 90, 100], kind)
+    matrix = sp.coo_array((data, ([0, 0, 1, 0], [0, 0, 1, 1])), shape=(2, 2))
+    expected = np.array([[2.0 * float(data[0]), float(data[3])], [0.0, float(data[2])]])
+    np.testing.assert_array_equal(Benefits([matrix]).dense()[0], expected)
+    assert SAP([matrix]).evaluate([assign(matrix)]).value == expected[0, 0] + expected[1, 1]
+
+
+def test_masked_entries_are_refused_wherever_they_hide() -> None:
+    """Masked arrays in lists, as plans and as initial assignments are refused as a masked array of benefits is."""
+    step = np.ma.masked_greater(np.arange(6.0).reshape(2, 3), 3.0)
+    for values in ([step, step], (step,), [[step[0], step[1]]], np.ma.stack([step])):
+        with pytest.raises(ValueError, match="must not be masked"):
+            SAP(values)
+    one = np.ma.masked_equal([0, 1], 1)
+    with pytest.raises(ValueError, match="initial_assignment must not be masked"):
+        SAP(np.ones((1, 2, 3)), 0.0, one)
+    for plan in ([one], np.ma.stack([one]), [[0, np.ma.masked]]):
+        with pytest.raises(ValueError, match="plan must not be masked"):
+            SAP(np.ones((1, 2, 3))).evaluate(plan)

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
-from sapopt import SAP, Status, SwitchingCost, solve
+from sapopt import SAP, Status, SwitchingCost, bound, solve
 from sapopt.solvers import HAA, HAAL, DualLookahead
 
 
@@ -21,11 +22,22 @@ def moving_field(seed: int, *, idle_is_free: bool = False, cost: Any = 0.4, init
     return SAP(benefits, SwitchingCost(cost, idle_is_free), np.arange(n) if initial else None)
 
 
-def test_a_window_of_one_step_is_haa() -> None:
-    """Nothing to price: alpha of beta_hat."""
+def equal_costs() -> np.ndarray:
+    """The cost of 0.4 as a matrix."""
+    return np.full((14, 14), 0.4) - 0.4 * np.eye(14)
+
+
+@pytest.mark.parametrize("cost", [0.4, equal_costs()], ids=["number", "matrix"])
+def test_a_window_of_one_step_is_haa(cost: Any) -> None:
+    """Nothing to price: every step is an alpha of beta_hat, in the state that the steps before it led to."""
     for seed in range(3):
-        problem = moving_field(seed)
-        assert solve(problem, DualLookahead(1)).value == pytest.approx(solve(problem, HAA()).value, rel=0.03)
+        problem = moving_field(seed, cost=cost)
+        state = problem.initial_state()
+        for k, tasks in enumerate(solve(problem, DualLookahead(1)).plan):
+            matrix = problem.beta_hat(k, state)
+            best = matrix[linear_sum_assignment(matrix, maximize=True)].sum()
+            assert matrix[np.arange(problem.n), tasks].sum() == pytest.approx(best, abs=1e-9)
+            state = problem.transition(k, state, tasks)
 
 
 @pytest.mark.parametrize("idle_is_free", [False, True])
@@ -50,12 +62,14 @@ def test_runs_repeat() -> None:
 
 
 def test_a_matrix_of_costs_and_sparse_benefits_work() -> None:
-    """Matrix costs have no soft paths; a matrix of equal costs is worth about as much as the number."""
-    cost = np.full((14, 14), 0.4)
-    np.fill_diagonal(cost, 0.0)
-    number = solve(moving_field(2), DualLookahead(4)).value
-    matrix = solve(moving_field(2, cost=cost), DualLookahead(4)).value
-    assert matrix == pytest.approx(number, rel=0.1)
+    """Equal costs as a matrix are the number: plans are worth the same in both forms, and one bound holds for both."""
+    number, matrix = moving_field(2), moving_field(2, cost=equal_costs())
+    plans = [solve(problem, DualLookahead(4)).plan for problem in (number, matrix)]
+    top = bound(number).value
+    for plan in plans:
+        assert number.evaluate(plan).value == matrix.evaluate(plan).value
+        assert solve(number, HAA()).value < number.evaluate(plan).value <= top
+    assert bound(matrix).value == pytest.approx(top, rel=1e-3)
 
 
 def test_it_knows_no_more_than_its_window() -> None:
