@@ -1,4 +1,4 @@
-"""NoHandover, HAA, HAAL and the optimum over random 5x5x3 problems (thesis, section 4.1).
+"""NoHandover, HAA, HAAL and the optimum over random 5x5x3 problems (thesis, the published code).
 
     python -m experiments.fig_optimal_comparison [--seeds 50] [--cost 0.5] [--quick] [--out DIR]
 
