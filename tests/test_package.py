@@ -164,6 +164,26 @@ def test_no_object_is_asked_by_name(path: Path) -> None:
         assert list(probes(path)) == []
 
 
+MOST_ARGUMENTS = 12
+"""What belongs together is a dataclass, or in a kernel a named tuple, rather than more arguments than that."""
+
+
+def long_lists(path: Path) -> Iterator[str]:
+    """Functions of a file that take more arguments than they may, `self` among them."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            taken = node.args
+            count = len(taken.posonlyargs) + len(taken.args) + len(taken.kwonlyargs)
+            if count > MOST_ARGUMENTS:
+                yield f"line {node.lineno}: {count} arguments"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_function_takes_too_many_arguments(path: Path) -> None:
+    """No function takes more than twelve arguments, kernels and commands included."""
+    assert list(long_lists(path)) == []
+
+
 def test_the_verifier_names_no_kernels() -> None:
     """What checks certificates imports no kernel, formulation or solver, not even inside a function."""
     paths = [path for path in modules() if layer(path) == "proofs"]

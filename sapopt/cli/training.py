@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +11,7 @@ import typer
 
 from sapopt.cli import show, work
 from sapopt.cli.app import EXIT_INTERRUPTED, AsJson, Force, TimeLimit, app, check_time
+from sapopt.cli.grouping import grouped
 from sapopt.cli.progress import Reporter
 from sapopt.running.control import Run
 from sapopt.solvers.names import nearest
@@ -23,8 +24,56 @@ _PRE = "Default: the preset's."
 GUIDES = ("auto", "myopic", "power_constrained", "energy_price")
 
 
+@dataclass(frozen=True)
+class TrainFlags:
+    """Options of `sapopt.learning.TrainOptions`, by their names there; None leaves one to the preset."""
+
+    choose: Annotated[
+        Literal["alpha", "self"],
+        typer.Option(help="Who chooses: alpha of the values (REDA), or agents (IQL)."),
+    ] = "alpha"
+    episodes: Annotated[int, typer.Option(help="Episodes to play.")] = 400
+    gradient_steps: Annotated[
+        int | None, typer.Option(help=f"Gradient steps after an episode (or step). {_PRE}")
+    ] = None
+    stretches: Annotated[int | None, typer.Option(help=f"Stretches of episodes in a batch. {_PRE}")] = None
+    stretch: Annotated[int | None, typer.Option(help=f"Steps, of all agents, in a stretch. {_PRE}")] = None
+    trace: Annotated[
+        float | None, typer.Option(help=f"Lambda of the returns along a stretch; 0: one step. {_PRE}")
+    ] = None
+    learning_rate: Annotated[float | None, typer.Option(help=f"Learning rate. {_PRE}")] = None
+    soft_target: Annotated[
+        float | None, typer.Option(help=f"Share of the weights that the target takes over. {_PRE}")
+    ] = None
+    discount: Annotated[float | None, typer.Option(help=f"Discount of later rewards. {_PRE}")] = None
+    memory: Annotated[int | None, typer.Option(help=f"Episodes remembered. {_PRE}")] = None
+    explore: Annotated[
+        float | None, typer.Option(help=f"Share of the episodes over which exploration falls to 0. {_PRE}")
+    ] = None
+    noise: Annotated[
+        float | None, typer.Option(help=f"Perturbation of the values, in parts of epsilon. {_PRE}")
+    ] = None
+    standardise: Annotated[
+        Literal["agent", "common", "none"] | None,
+        typer.Option(help=f"How rewards are brought to one scale. {_PRE}"),
+    ] = None
+    hidden: Annotated[
+        str | None,
+        typer.Option(help="Sizes of the hidden layers, as 64,64; none: values linear in what is seen."),
+    ] = None
+    evaluate_every: Annotated[int, typer.Option(help="Episodes between evaluations.")] = 20
+    evaluations: Annotated[int, typer.Option(help="Fresh episodes in every evaluation.")] = 2
+    checkpoint_every: Annotated[int, typer.Option(help="Episodes between checkpoints.")] = 20
+    threads: Annotated[
+        int, typer.Option(min=1, help="Threads of torch; 1 gives the same weights anywhere.")
+    ] = 1
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0
+
+
 @train_app.command(name="reda")
+@grouped
 def train_reda(
+    *,
     instance: Annotated[
         str, typer.Argument(metavar="INSTANCE", help="A built-in name; every episode has a seed of its own.")
     ] = "power",
@@ -46,49 +95,10 @@ def train_reda(
         ),
     ] = "auto",
     see: Annotated[int, typer.Option(min=1, help="Steps whose benefits agents see.")] = 3,
-    choose: Annotated[
-        Literal["alpha", "self"],
-        typer.Option(help="Who chooses: alpha of the values (REDA), or agents (IQL)."),
-    ] = "alpha",
-    episodes: Annotated[int, typer.Option(help="Episodes to play.")] = 400,
-    gradient_steps: Annotated[
-        int | None, typer.Option(help=f"Gradient steps after an episode (or step). {_PRE}")
-    ] = None,
-    stretches: Annotated[int | None, typer.Option(help=f"Stretches of episodes in a batch. {_PRE}")] = None,
-    stretch: Annotated[int | None, typer.Option(help=f"Steps, of all agents, in a stretch. {_PRE}")] = None,
-    trace: Annotated[
-        float | None, typer.Option(help=f"Lambda of the returns along a stretch; 0: one step. {_PRE}")
-    ] = None,
-    learning_rate: Annotated[float | None, typer.Option(help=f"Learning rate. {_PRE}")] = None,
-    soft_target: Annotated[
-        float | None, typer.Option(help=f"Share of the weights that the target takes over. {_PRE}")
-    ] = None,
-    discount: Annotated[float | None, typer.Option(help=f"Discount of later rewards. {_PRE}")] = None,
-    memory: Annotated[int | None, typer.Option(help=f"Episodes remembered. {_PRE}")] = None,
-    explore: Annotated[
-        float | None, typer.Option(help=f"Share of the episodes over which exploration falls to 0. {_PRE}")
-    ] = None,
-    noise: Annotated[
-        float | None, typer.Option(help=f"Perturbation of the values, in parts of epsilon. {_PRE}")
-    ] = None,
-    standardise: Annotated[
-        Literal["agent", "common", "none"] | None,
-        typer.Option(help=f"How rewards are brought to one scale. {_PRE}"),
-    ] = None,
-    hidden: Annotated[
-        str | None,
-        typer.Option(help="Sizes of the hidden layers, as 64,64; none: values linear in what is seen."),
-    ] = None,
+    flags: TrainFlags,
     guide: Annotated[
         str, typer.Option(help=f"Policy that guides exploration: {', '.join(GUIDES)}.")
     ] = "auto",
-    evaluate_every: Annotated[int, typer.Option(help="Episodes between evaluations.")] = 20,
-    evaluations: Annotated[int, typer.Option(help="Fresh episodes in every evaluation.")] = 2,
-    checkpoint_every: Annotated[int, typer.Option(help="Episodes between checkpoints.")] = 20,
-    threads: Annotated[
-        int, typer.Option(min=1, help="Threads of torch; 1 gives the same weights anywhere.")
-    ] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0,
     time_limit: TimeLimit = None,
     as_json: AsJson = False,
     force: Force = False,
@@ -107,24 +117,17 @@ def train_reda(
     weights = out / "weights.safetensors"
     if weights.exists() and not force:
         raise ValueError(f"{weights} exists already; give --force to train on, or another --out")
-    first = build(instance, seed)
+    first = build(instance, flags.seed)
     has_charge = first.model.charge_of(first.initial_state()) is not None
     if guide == "auto":
         guide = "power_constrained" if has_charge and preset == "default" else "myopic"
-    given: dict[str, Any] = {
-        "gradient_steps": gradient_steps, "stretches": stretches, "stretch": stretch, "trace": trace,
-        "learning_rate": learning_rate, "soft_target": soft_target, "discount": discount, "memory": memory,
-        "explore": explore, "noise": noise, "standardise": standardise,
-        "hidden": None if hidden is None else _sizes(hidden),
-    }  # fmt: skip
+    given = {name: value for name, value in asdict(flags).items() if value is not None}
+    if flags.hidden is not None:
+        given["hidden"] = _sizes(flags.hidden)
     by_text = observation == "thesis" or (observation == "auto" and preset == "thesis")
     seen: Any = learning.ThesisObservation if by_text else learning.ObservationSpec
     make = learning.TrainOptions.thesis if preset == "thesis" else learning.TrainOptions
-    options = make(
-        episodes=episodes, evaluate_every=evaluate_every, evaluations=evaluations, threads=threads, seed=seed,
-        choose=choose, checkpoint_every=checkpoint_every, spec=seen(steps=see, charge=has_charge),
-        **{name: value for name, value in given.items() if value is not None},
-    )  # fmt: skip
+    options = make(spec=seen(steps=see, charge=has_charge), **given)
     policy = solvers.AssignmentPolicy(getattr(solvers, guide))
     with Reporter() as reporter, work.watched(f"training REDA on {instance}", reporter) as (phase, callback):
         run = Run(time_limit=time_limit, callback=callback)

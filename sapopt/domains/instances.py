@@ -383,13 +383,13 @@ def _tracking(
     resolution: int = 3,
     arrivals: float = 0.6,
 ) -> Scenario:
+    from sapopt.domains.constellation import WalkerShell
     from sapopt.domains.tracking import tracking
 
     return tracking(
         seed,
         steps=steps,
-        planes=planes,
-        per_plane=per_plane,
+        shell=WalkerShell(planes, per_plane, 58.0, 550.0),
         resolution=resolution,
         arrivals_per_step=arrivals,
     )
@@ -420,13 +420,13 @@ def _tracking_thesis(
     resolution: int = 3,
     arrivals: float = 0.6,
 ) -> Scenario:
+    from sapopt.domains.constellation import WalkerShell
     from sapopt.domains.tracking import tracking_thesis
 
     return tracking_thesis(
         seed,
         steps=steps,
-        planes=planes,
-        per_plane=per_plane,
+        shell=WalkerShell(planes, per_plane, 58.0, 550.0),
         resolution=resolution,
         arrivals_per_step=arrivals,
     )

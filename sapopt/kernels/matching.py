@@ -19,11 +19,9 @@ import numpy as np
 from sapopt.kernels import ties
 from sapopt.kernels.heap import pop, push
 from sapopt.kernels.jit import SMALL, njit
+from sapopt.kernels.ties import Matching, Rows
 
 _ROUNDS = 10  # passes of row reduction; a search costs more than a pass over the few agents that still wait
-
-Found = namedtuple("Found", "chosen owner u p")
-"""A matching in the making, as `match` returns it."""
 
 Search = namedtuple("Search", "dist via done touched heap_key heap_task")
 """Work arrays of a search: of every task its distance (infinite between searches), the agent it was reached ``via``,
@@ -139,13 +137,14 @@ def match(row_start, tasks, gains, m):
     owner = np.full(m, -1, np.int64)
     u = np.zeros(n)
     p = np.zeros(m)
+    rows, found = Rows(row_start, tasks, gains), Matching(chosen, owner, u, p)
     queue = np.arange(n)
     waiting = n
     scanned = 0
     for _ in range(_ROUNDS):
         if waiting == 0:
             break
-        waiting, seen = _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting)
+        waiting, seen = _reduce_rows(rows, found, queue, waiting)
         scanned += seen
     if waiting > 0:
         dist = np.full(m, np.inf)
@@ -154,20 +153,21 @@ def match(row_start, tasks, gains, m):
         touched = np.empty(m, np.int64)
         heap_key = np.empty(row_start[n] + 1)
         heap_task = np.empty(row_start[n] + 1, np.int64)
-        found = Found(chosen, owner, u, p)
         search = Search(dist, via, done, touched, heap_key, heap_task)
         for q in range(waiting):
-            scanned += _augment(queue[q], row_start, tasks, gains, found, search)
+            scanned += _augment(queue[q], rows, found, search)
     return chosen, owner, u, p, waiting, scanned
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
+def _reduce_rows(rows, found, queue, waiting):
     """One pass of row reduction over the queue; who is left without a task is queued again.
 
     An agent takes its best task and prices it up to its own second choice; who held it tries again. Returns how many
     are queued, and how many entries were looked at.
     """
+    row_start, tasks, gains = rows
+    chosen, owner, u, p = found
     again = 0
     scanned = 0
     for q in range(waiting):
@@ -207,11 +207,30 @@ def _reduce_rows(row_start, tasks, gains, chosen, owner, u, p, queue, waiting):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _augment(start, row_start, tasks, gains, found, search):
+def _augment(start, rows, found, search):
     """Insert one unassigned agent by a shortest augmenting path (Dijkstra on reduced costs).
 
-    Returns how many entries were looked at.
+    A path leads from the agent to a task at the length ``u + p - gain >= 0``, from a task to its owner at no length,
+    and ends at a free task or at an agent that goes idle, whose utility is the last length. With ``dist`` the distances
+    and ``end`` that of the nearest end, the new duals are ``u - end`` of the agent, and ``p[j] + end - dist[j]`` and
+    ``u[owner[j]] - (end - dist[j])`` for the tasks reached for good: no length gets negative, and those of the path
+    get zero.
+
+    Parameters
+    ----------
+    start : int
+        The agent.
+    rows : Rows
+    found : Matching
+        Changed in place.
+    search : Search
+
+    Returns
+    -------
+    int
+        How many entries of rows were looked at.
     """
+    row_start, tasks, gains = rows
     chosen, owner, u, p = found
     dist, via, done, touched, heap_key, heap_task = search
     utility = 0.0
@@ -233,7 +252,7 @@ def _augment(start, row_start, tasks, gains, found, search):
         base = length + u[i]
         for e in range(row_start[i], row_start[i + 1]):
             scanned += 1
-            if base - gains[e] >= end_length:
+            if base - gains[e] >= end_length:  # prices are not negative, so no later entry is nearer
                 break
             j = np.int64(tasks[e])
             if done[j] or owner[j] == i:
@@ -251,7 +270,7 @@ def _augment(start, row_start, tasks, gains, found, search):
                 end_task = j
             else:
                 size = push(heap_key, heap_task, size, reach, j)
-        # Next nearest task.
+        # The next nearest task that somebody owns. Entries of tasks that were reached again on a shorter way are stale.
         task = np.int64(-1)
         while size > 0:
             key = heap_key[0]
@@ -270,6 +289,7 @@ def _augment(start, row_start, tasks, gains, found, search):
             end_agent = i
             end_task = np.int64(-1)
 
+    # The new duals; then back along the path: everybody on it moves on to the next task.
     u[start] -= end_length
     for t in range(n_touched):
         j = touched[t]

@@ -13,6 +13,13 @@ from sapopt.kernels.jit import njit
 
 _TIGHT = 1e-11  # relative to the greatest gain of the agent: a pair with less slack counts as tight
 
+Rows = namedtuple("Rows", "row_start tasks gains")
+"""CSR rows of positive gains, each sorted by decreasing gain: row i is ``row_start[i] .. row_start[i + 1] - 1``."""
+
+Matching = namedtuple("Matching", "chosen owner u p")
+"""A matching and its duals: the task ``chosen`` by every agent and the ``owner`` of every task, -1 for none; the
+utilities ``u`` of the agents and the prices ``p`` of the tasks, as in `sapopt.kernels.matching`."""
+
 Walk = namedtuple("Walk", "seen parent taken queue option")
 """Work arrays of a breadth-first walk. Of every agent, and the pool as node n: the stamp of the last walk that has
 ``seen`` it, its ``parent``, from which it was reached, and the task ``taken`` from it there; the ``queue``; and the
@@ -33,18 +40,21 @@ def settle(row_start, tasks, gains, chosen, owner, u, p):
     for i in range(n):
         if row_start[i] < row_start[i + 1]:
             tol[i] = _TIGHT * gains[row_start[i]]
-    if row_start[n] > 0 and _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
-        _smallest(row_start, tasks, gains, chosen, owner, u, p, tol)
+    rows, matching = Rows(row_start, tasks, gains), Matching(chosen, owner, u, p)
+    if row_start[n] > 0 and _has_choice(rows, matching, tol):
+        _smallest(rows, matching, tol)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
+def _has_choice(rows, matching, tol):
     """Whether the tight pairs outside the matching form a cycle (Kahn's topological order).
 
     The nodes are agents that could move on, to the agent that holds the task they would take; node n is the pool of
     free tasks and private idle options, which any agent may enter that holds a task of price zero or nothing.
     Agents that cannot move on lie on no cycle and are left out.
     """
+    row_start, tasks, gains = rows
+    chosen, owner, u, p = matching
     n = len(chosen)
     head = np.empty(row_start[n] + n, np.int32)  # where the moves lead to
     first = np.empty(n + 1, np.int64)
@@ -111,8 +121,13 @@ def _has_choice(row_start, tasks, gains, chosen, owner, u, p, tol):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
-    """Agent by agent, switch to the smallest tight task that leaves an optimal matching of the agents after it."""
+def _smallest(rows, matching, tol):
+    """Agent by agent, switch to the smallest tight task that leaves an optimal matching of the agents after it.
+
+    An agent gets a task for good before the next one is asked, so `_redirect` may only move agents after it; wishes are
+    tried in ascending order and the first one that can be granted is the smallest.
+    """
+    chosen, owner = matching.chosen, matching.owner
     n = len(chosen)
     m = len(owner)
     option = np.empty(m + 1, np.int64)
@@ -125,7 +140,7 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
     stamp = 0
     for i in range(n):
         current = chosen[i] if chosen[i] >= 0 else m
-        size = _tight(i, row_start, tasks, gains, u, p, tol, option)
+        size = _tight(i, rows, matching, tol, option)
         for w in range(size):
             wanted[w] = option[w]
         last = -1
@@ -137,14 +152,16 @@ def _smallest(row_start, tasks, gains, chosen, owner, u, p, tol):
             if j == current:
                 break
             stamp += 1
-            if _redirect(i, j, row_start, tasks, gains, chosen, owner, u, p, tol, stamp, walk):
+            if _redirect(i, j, rows, matching, tol, stamp, walk):
                 break
             last = j
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _tight(i, row_start, tasks, gains, u, p, tol, option):
+def _tight(i, rows, matching, tol, option):
     """List the tasks that agent i may have in an optimal matching as far as its own duals tell."""
+    row_start, tasks, gains = rows
+    u, p = matching.u, matching.p
     size = 0
     for e in range(row_start[i], row_start[i + 1]):
         if gains[e] < u[i] - tol[i]:
@@ -156,25 +173,41 @@ def _tight(i, row_start, tasks, gains, u, p, tol, option):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _redirect(i, wish, row_start, tasks, gains, chosen, owner, u, p, tol, stamp, walk):
+def _redirect(i, wish, rows, matching, tol, stamp, walk):
     """Move agent i to task `wish` along an alternating path of tight pairs through agents after i, if there is one.
 
     Who loses a task moves on to another tight one. The pool (node n) gives free tasks and private idle options, and
     takes back an idle option or a task of price zero from any agent. The path ends at the option that i leaves.
+
+    By complementary slackness an optimal matching is any that uses tight pairs only, leaves no agent of positive
+    utility idle and no task of positive price free; moving along such a path keeps all three.
+
+    Parameters
+    ----------
+    i, wish : int
+    rows : Rows
+    matching : Matching
+        Changed in place where the wish can be granted.
+    tol : ndarray of float64, shape (n,)
+        Slack up to which a pair of that agent counts as tight.
+    stamp : int
+        Number of this walk, which marks what it has seen.
+    walk : Walk
     """
+    chosen, owner, u, p = matching
     seen, parent, taken, queue, option = walk
     n = len(chosen)
     left = chosen[i]
     left_may_stay_free = left < 0 or p[left] <= tol[i]
     node = owner[wish] if owner[wish] >= 0 else n
     if node < i:
-        return False
+        return False  # it has its task for good
     seen[node] = stamp
     parent[node] = i
     taken[node] = wish
     queue[0] = node
     head, tail = 0, 1
-    end = -1
+    end = -1  # the agent, or the pool, that takes the option which i leaves
     while head < tail and end < 0:
         r = queue[head]
         head += 1
@@ -196,7 +229,7 @@ def _redirect(i, wish, row_start, tasks, gains, chosen, owner, u, p, tol, stamp,
             taken[n] = -1
             queue[tail] = n
             tail += 1
-        size = _tight(r, row_start, tasks, gains, u, p, tol, option)
+        size = _tight(r, rows, matching, tol, option)
         for q in range(size):
             j = option[q]
             if j == chosen[r]:

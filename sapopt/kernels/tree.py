@@ -44,6 +44,9 @@ Nodes = namedtuple("Nodes", "size state key child value")
 without handover, and its hash ``key``; ``child`` and ``value`` of shape (L + 1, capacity, L): the node at the end of
 the interval of length l + 1, or OPEN, and the value of that interval."""
 
+Problem = namedtuple("Problem", "plain charged prices cost idle_is_free order")
+"""What the intervals of a search have in common, as the arguments of `search` say."""
+
 
 @njit(cache=True, nogil=True, small=_SMALL)
 def add_step(windows, prices, indptr, indices, data, m, first, last, entry_cost):
@@ -106,7 +109,7 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
         Intervals that had to be solved.
     """
     ring, capacity, n = nodes.state.shape
-    problem = plain, charged, prices, cost, idle_is_free, order
+    problem = Problem(plain, charged, prices, cost, idle_is_free, order)
     before = np.full((ring, capacity), -np.inf)  # value of the best way to a node; -inf if it is not reached
     root_node = _node(nodes, k, root, _hash(root))
     before[k % ring, root_node] = 0.0
@@ -234,14 +237,14 @@ def _best_cut(nodes, before, k, stop, root_node):
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _entry(nodes, start, node, length, problem):
     """Slot, rows, held tasks and their gains, and the common value of all other tasks, for an interval from a node."""
-    plain, charged, prices, cost, idle_is_free, order = problem
+    plain, cost = problem.plain, problem.cost
     ring = len(nodes.size)
     slot = (start % (ring - 1)) * (ring - 1) + length - 1
     held = nodes.state[start % ring, node].astype(np.int64)
     windows, rest, bonus = plain, 0.0, 0.0
     if held[0] >= 0:
-        if idle_is_free:
-            windows = charged
+        if problem.idle_is_free:
+            windows = problem.charged
         else:
             rest, bonus = -cost, cost
     held_gain = listed_gain(plain.row_start[slot], plain.tasks[slot], plain.gains[slot], held, bonus)
@@ -252,10 +255,10 @@ def _entry(nodes, start, node, length, problem):
 def _solve(nodes, start, node, length, problem):
     """Solve an interval; False if idle agents found no task."""
     slot, windows, held, held_gain, rest = _entry(nodes, start, node, length, problem)
-    prices, order = problem[2], problem[5]
+    prices = problem.prices
     row_start, tasks, gains = windows.row_start[slot], windows.tasks[slot], windows.gains[slot]
     careful = windows.negative[slot]
-    chosen, gain, parked, p = solve_rows(row_start, tasks, gains, held, held_gain, order, careful)
+    chosen, gain, parked, p = solve_rows(row_start, tasks, gains, held, held_gain, problem.order, careful)
     if not parked:
         return False
     here = start % len(nodes.size)
@@ -285,7 +288,7 @@ def _solve(nodes, start, node, length, problem):
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _rough_bound(start, end, stop, lookahead, problem):
     """What `_bound` or, if the interval ends before `stop`, `_pair_bound` is at most for any state."""
-    prices, cost, idle_is_free = problem[2], problem[3], problem[4]
+    prices, cost, idle_is_free = problem.prices, problem.cost, problem.idle_is_free
     slot = (start % lookahead) * lookahead + end - start - 1
     last = ((stop - 1) % lookahead) * lookahead
     saved = 2.0 * prices.top.shape[1] * cost if idle_is_free else 0.0
@@ -301,7 +304,7 @@ def _rough_bound(start, end, stop, lookahead, problem):
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _bound(nodes, start, node, stop, problem):
     """Upper bound of the value of the interval from a node to `stop`; infinite as long as its window has no prices."""
-    prices = problem[2]
+    prices = problem.prices
     lookahead = len(nodes.size) - 1
     if not prices.known[(start % lookahead) * lookahead + stop - start - 1]:
         return np.inf
@@ -321,7 +324,7 @@ def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
     are those of the window of both. What an agent gets from tasks that it does not hold is the same for all nodes of
     step `start` and kept in `pair_top`.
     """
-    prices, cost, idle_is_free = problem[2], problem[3], problem[4]
+    prices, cost, idle_is_free = problem.prices, problem.cost, problem.idle_is_free
     lookahead = len(nodes.size) - 1
     both = (start % lookahead) * lookahead + stop - start - 1
     last = ((stop - 1) % lookahead) * lookahead
@@ -341,7 +344,7 @@ def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
                 top = max(top, gains[e] - p[tasks[e]] - q[tasks[e]])
             apart = prices.top[slot, i] + prices.top[last, i]
             pair_top[start % lookahead, i] = max(apart, top + stay)
-    plain = problem[0]
+    plain = problem.plain
     bonus = -rest  # saved in the first interval by an agent that keeps the task it holds
     both_gain = listed_gain(plain.row_start[both], plain.tasks[both], plain.gains[both], held, bonus + stay)
     total = prices.total[slot] + prices.total[last] + len(held) * (rest - stay)

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from sapopt import SAP, bound, solve
+from sapopt.domains.constellation import WalkerShell
 from sapopt.domains.instances import find_instance, instance, scenario
 from sapopt.domains.tracking import Tracking, moving_objects, tracking, tracking_thesis, us_regions
 from sapopt.solvers import HAAL, DualLookahead, NoHandover
 
-SIZES = {"steps": 10, "planes": 8, "per_plane": 10, "resolution": 2, "arrivals_per_step": 0.4}
+SHELL = WalkerShell(8, 10, inclination_deg=58.0, altitude_km=550.0)
+SIZES = {"steps": 10, "shell": SHELL, "resolution": 2, "arrivals_per_step": 0.4}
 SMALL = tracking(3, **SIZES)
 LETTER = tracking_thesis(3, **SIZES)
 

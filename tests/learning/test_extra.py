@@ -30,6 +30,20 @@ def test_command_says_which_extra(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_flags_are_the_options() -> None:
+    """The command's options have the names of `TrainOptions`, and its defaults if they have any of their own."""
+    pytest.importorskip("torch")
+    from dataclasses import asdict
+
+    from sapopt.cli.training import TrainFlags
+    from sapopt.learning import TrainOptions
+
+    options = asdict(TrainOptions())
+    for name, default in asdict(TrainFlags()).items():
+        assert name in options
+        assert default is None or options[name] == default
+
+
 def test_training_command(tmp_path: Path) -> None:
     """`sapopt train reda` leaves weights, log and checkpoint; the weights say how they were made."""
     pytest.importorskip("torch")

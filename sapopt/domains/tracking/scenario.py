@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sapopt.data.benefits import Benefits
-    from sapopt.domains.constellation import Constellation
+    from sapopt.domains.constellation import Constellation, WalkerShell
     from sapopt.formulations.synthetic import SyntheticTasks
     from sapopt.plotting.aboard import Aboard
     from sapopt.problem.sap import SAP
@@ -183,10 +183,7 @@ def tracking(
     seed: int = 0,
     *,
     steps: int = 93,
-    planes: int = 40,
-    per_plane: int = 25,
-    altitude_km: float = 550.0,
-    inclination_deg: float = 58.0,
+    shell: WalkerShell | None = None,
     resolution: int = 3,
     arrivals_per_step: float = 0.6,
     observers: int = 2,
@@ -199,15 +196,15 @@ def tracking(
     """The built-in scenario: the satellites of a Walker constellation that come over the United States in an orbit.
 
     The thesis gives the hexagons, two observers and the decay of 0.2; its other numbers are in `tracking_thesis`. The
-    rest is ours: 1000 satellites, of which those that never see the United States are left out (575 are left); cells
-    of H3 resolution 3; on average 0.6 new objects a minute, some 15 at a time, which some 30 satellites in view could
-    observe.
+    rest is ours: a `shell` of 40 x 25 satellites at 550 km and 58 degrees unless another is given, of which those
+    that never see the United States are left out (575 are left); cells of H3 resolution 3; on average 0.6 new objects
+    a minute, some 15 at a time, which some 30 satellites in view could observe.
     """
     from sapopt.domains import constellation as c
 
     regions = us_regions(resolution)
     places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, np.ones(len(regions)))
-    shell = c.WalkerShell(planes, per_plane, inclination_deg, altitude_km)
+    shell = shell or c.WalkerShell(40, 25, inclination_deg=58.0, altitude_km=550.0)
     satellites = c.walker_constellation(shell, places, steps).only_seeing()
     objects = moving_objects(regions, steps, seed, arrivals_per_step=arrivals_per_step, along_grid=along_grid)
     return Tracking(satellites, regions, objects, observers, decay, watch, scale, needs_sight)
