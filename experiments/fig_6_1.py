@@ -1,6 +1,6 @@
 """Figure 6.1 (Holder 2024, section 6.1): the dictator, by REDA, IQL, IPPO and COMA, against the proven optimum.
 
-    python experiments/fig_6_1.py [--seeds 5] [--methods reda,iql,ippo,coma] [--guide myopic] [--memory 100]
+    python -m experiments.fig_6_1 [--seeds 5] [--methods reda,iql,ippo,coma] [--guide myopic] [--memory 100]
                                   [--show-step] [--quick] [--out DIR]
 
 `--seeds` counts the training runs. REDA and IQL learn by Algorithm 4: a gradient step at every time step, the greedy
@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import common
 import numpy as np
-from learned import curve
 
+from experiments import common
+from experiments.learned import curve
 from sapopt import SAP, Outlook, solve
 from sapopt.data.types import IntArray
 from sapopt.domains.instances import instance

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from pathlib import Path
 
@@ -72,3 +73,15 @@ def test_a_script_runs(tmp_path: Path) -> None:
         assert len(values) == 2
         assert all(value <= top + 1e-9 for value, top in zip(values, best, strict=True))
     assert (tmp_path / "fig_optimal_comparison.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_one_way_to_import() -> None:
+    """Scripts are run as modules, so they import each other as `experiments.NAME`, never by the bare name."""
+    root = Path(common.__file__).parent
+    names = {path.stem for path in root.rglob("*.py")} - {"__main__"}
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                assert not {alias.name for alias in node.names} & names, path
+            elif isinstance(node, ast.ImportFrom):
+                assert node.module not in names, path
