@@ -1,6 +1,6 @@
 """Figure 4.4 (Holder 2024): 1000 satellites, 812 even tasks, 188 of zero benefit: value, and one satellite's history.
 
-    python -m experiments.fig_4_4 [--seeds 1] [--steps 93] [--lookahead 3] [--satellite 900] [--quick] [--out DIR]
+    python -m experiments.fig_4_4 [--seeds 1] [--steps 93] [--lookahead 6] [--satellite 900] [--quick] [--out DIR]
 
 Runs are kept in DIR/fig_4_4_runs.json; a second call does only what is missing. The figure is that of seed 0.
 """
@@ -19,14 +19,14 @@ from sapopt.domains.instances import scenario
 from sapopt.plotting import benefit_history, value_against_bound
 from sapopt.running.outlook import rollout
 
-NAME = "constellation-large"
+NAME = "constellation-large-thesis"
 METHODS = ("dual", "HAAL", "HAALD", "CBBA", "greedy", "no handover")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of this script."""
     parser.add_argument("--steps", type=int, help="default 93, quick 10")
-    parser.add_argument("--lookahead", type=int, default=3)
+    parser.add_argument("--lookahead", type=int, help="default 6, quick 3")
     parser.add_argument("--satellite", type=int, default=900, help="whose history is drawn")
     parser.add_argument("--workers", type=int, default=2, help="processes")
 
@@ -35,9 +35,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     run = common.begin(__doc__, "fig_4_4", argv, add=add_options, resumes=True)
     options = run.options
     steps = options.steps or (10 if run.quick else 93)
+    lookahead = options.lookahead or (3 if run.quick else 6)
     alone = {"greedy": 1, "no handover": 1}
     jobs = [
-        Job(NAME, seed, steps, method, alone.get(method, options.lookahead))
+        Job(NAME, seed, steps, method, alone.get(method, lookahead))
         for seed in run.seeds
         for method in METHODS
     ]
@@ -49,8 +50,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     values = {LABELS[one.job.method]: one.value for one in runs if one.job.seed == 0}
     value_against_bound(values, proven, left)
     histories = {}
-    for method in ("HAAL", "no handover"):
-        plan = rollout(problem, policy_of(Job(NAME, 0, 0, method, options.lookahead), None)).plan
+    for method in ("HAAL", "greedy", "no handover"):
+        plan = rollout(problem, policy_of(Job(NAME, 0, 0, method, lookahead), None)).plan
         histories[LABELS[method]] = SimpleNamespace(plan=plan)
     benefit_history(problem, histories, options.satellite, right)
     run.write_figure(figure, dpi=160)

@@ -1,7 +1,7 @@
 """Figure 6.1 (Holder 2024, section 6.1): the dictator, by REDA, IQL, IPPO and COMA, against the proven optimum.
 
     python -m experiments.fig_6_1 [--seeds 5] [--methods reda,iql,ippo,coma] [--guide myopic] [--memory 100]
-                                  [--show-step] [--quick] [--out DIR]
+                                    [--show-step] [--quick] [--out DIR]
 
 `--seeds` counts the training runs. REDA and IQL learn by Algorithm 4: a gradient step at every time step, the greedy
 policy alpha(beta_hat) with probability epsilon, noise on the values otherwise, epsilon down to 0 at 10 000 time steps

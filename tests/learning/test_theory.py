@@ -105,6 +105,48 @@ def test_updates_converge_in_a_table(seed: int) -> None:
     np.testing.assert_allclose(table, wanted, atol=1e-3)
 
 
+def test_the_split_holds_for_the_policys_own_assignment_alone() -> None:
+    """(5.1) by the thesis' own definition, whose next state is that of the policy whatever agent i is assigned: the
+    sum over the agents is the joint value for x = pi(s), and in general for no other x."""
+    wrong = 0
+    for seed in range(10):
+        mdp = random_mdp(seed)
+        states = np.arange(4)
+        policy = np.random.default_rng(seed).integers(len(mdp.rows), size=4)
+        real = mdp.agents_values(policy)
+        later = (real - mdp.own)[states, policy]  # (S, n): what follows pi(s), for every agent
+        defined = (mdp.own + later[:, None]).sum(axis=2)
+        joint = real.sum(axis=2)
+        np.testing.assert_allclose(defined[states, policy], joint[states, policy], atol=1e-9)
+        wrong += int((np.abs(defined - joint) > 1e-6).sum())
+    assert wrong > 50
+
+
+def played(values: np.ndarray) -> tuple[int, ...]:
+    """alpha of a matrix of values, by enumeration."""
+    rows = itertools.permutations(range(values.shape[1]), values.shape[0])
+    return max(rows, key=lambda row: sum(values[i, j] for i, j in enumerate(row)))
+
+
+def test_a_lie_pays_in_alpha_until_training_corrects_it() -> None:
+    """The assignment alone is no mechanism against lies: an agent that overstates a task gets it and earns more. What
+    section 5.4 claims holds for values that are trained: what the agent earns pulls the lie down to the truth."""
+    truth = np.array([[2.0, 0.0], [1.9, 1.0]])
+    assert played(truth) == (0, 1)  # agent 1 earns 1.0
+    said = truth.copy()
+    said[1, 0] = 5.0
+    assert played(said) == (1, 0)  # agent 1 earns 1.9, and all together 1.9 in place of 3.0
+    plays = []
+    for _ in range(60):
+        row = played(said)
+        plays.append(row)
+        for i, j in enumerate(row):  # Algorithm 4, lines 17 and 23, for episodes of one step
+            said[i, j] += 0.2 * (truth[i, j] - said[i, j])
+    assert plays[0] == (1, 0)
+    assert plays[-30:] == [(0, 1)] * 30
+    assert truth[1, 0] < said[1, 0] < 3.0  # exactly as far as it takes to lose the task
+
+
 def test_traces_end_in_the_return() -> None:
     """With trace 1 the target is the discounted return, with trace 0 one step and the value that follows."""
     rewards, later = torch.tensor([[[1.0], [2.0], [4.0]]]), torch.tensor([[[10.0], [20.0], [30.0]]])
