@@ -13,6 +13,7 @@ import numpy as np
 from sapopt import SAP, solve
 from sapopt.learning import Environment, Network, load_network
 from sapopt.learning.learner import own_choice
+from sapopt.learning.observation import charge_of
 from sapopt.learning.sampling import sample_episode
 from sapopt.solvers import AssignmentPolicy
 
@@ -67,9 +68,8 @@ def measure(problem: SAP, plan: np.ndarray) -> Played:
 
 
 def _charge(problem: SAP, state: Any) -> np.ndarray:
-    if hasattr(problem.model, "charge_of"):
-        return np.asarray(problem.model.charge_of(state) / problem.model.capacity)
-    return np.ones(problem.n)
+    charge = charge_of(problem.model, state)
+    return np.ones(problem.n) if charge is None else charge
 
 
 def by_policy(policy: Any) -> Player:

@@ -71,3 +71,26 @@ def test_training_command(tmp_path: Path) -> None:
     bad = CliRunner().invoke(app, ["train", "reda", "constellation-tiy", "--out", str(tmp_path / "other")])
     assert bad.exit_code == 2
     assert not (tmp_path / "other").exists()
+
+
+def test_command_takes_the_thesis_preset(tmp_path: Path) -> None:
+    """`--preset thesis` trains by Algorithm 4 with the observation of 6.2.2; what is given besides wins."""
+    pytest.importorskip("torch")
+    from typer.testing import CliRunner
+
+    from sapopt.cli import app
+    from sapopt.learning import REDA, ThesisObservation
+
+    words = "train reda constellation-toy --preset thesis --see 2 --hidden none --stretches 2 --episodes 1"
+    done = CliRunner().invoke(app, [*words.split(), "--evaluations", "1", "--out", str(tmp_path / "run")])
+    assert done.exit_code == 0, done.output
+    reda = REDA.load(tmp_path / "run" / "weights.safetensors")
+    assert reda.network.spec == ThesisObservation(steps=2, charge=False)
+    assert reda.network.hidden == ()
+    used = reda.about["options"]
+    assert (used["after"], used["noise"], used["perturb"], used["stretches"]) == ("step", 2.0, "pairs", 2)
+    assert reda.about["guide"] == "myopic"
+    bad = CliRunner().invoke(
+        app, ["train", "reda", "power", "--hidden", "x", "--out", str(tmp_path / "other")]
+    )
+    assert bad.exit_code != 0
