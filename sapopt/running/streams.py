@@ -27,7 +27,7 @@ class Forgiving(io.TextIOBase):
     @property
     def encoding(self) -> str:  # type: ignore[override]
         """That of the stream; it decides how lines are drawn."""
-        return getattr(self._stream, "encoding", None) or "ascii"
+        return "ascii" if self._stream is None else self._stream.encoding or "ascii"
 
     def writable(self) -> bool:
         """Always."""

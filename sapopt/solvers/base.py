@@ -6,6 +6,8 @@ import numbers
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self, runtime_checkable
 
+import numpy as np
+
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
@@ -67,3 +69,12 @@ def check_lookahead(lookahead: int, name: str = "lookahead") -> None:
     """Raise a ValueError unless `lookahead` is a whole number of at least 1."""
     if isinstance(lookahead, bool) or not isinstance(lookahead, numbers.Integral) or lookahead < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, got {lookahead!r}")
+
+
+def gap_unit(problem: SAP) -> float:
+    """What stands for 1 in tolerances of the form ``tolerance * max(1, value)``: less where all benefits are small.
+
+    A gap of 1e-12 is no rounding error where the benefits are of that size themselves.
+    """
+    entries = np.abs(problem.benefits.flat().data)
+    return min(1.0, float(entries[np.isfinite(entries)].max(initial=0.0)) or 1.0)

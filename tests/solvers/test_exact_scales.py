@@ -7,8 +7,8 @@ import pytest
 
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.problem.result import Status
+from sapopt.solvers.base import gap_unit
 from sapopt.solvers.exact import Exact
-from sapopt.solvers.exact.warm import gap_unit
 
 
 @pytest.mark.parametrize("method", ["network", "milp", "qap"])

@@ -18,7 +18,7 @@ from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.running.outlook import rollout
-from sapopt.solvers.base import Outcome
+from sapopt.solvers.base import Outcome, gap_unit
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
@@ -165,6 +165,7 @@ class _Search:
 
     def __post_init__(self) -> None:
         self.value = self.problem.evaluate(self.best).value
+        self._no_less_than = 1e-9 * gap_unit(self.problem)
 
     @property
     def settled_prices(self) -> FloatArray:
@@ -177,7 +178,7 @@ class _Search:
         """The proven gap so far, relative to the bound."""
         if not math.isfinite(self.bound):
             return math.inf
-        return max(self.bound - self.value, 0.0) / max(abs(self.bound), 1e-9)
+        return max(self.bound - self.value, 0.0) / max(abs(self.bound), self._no_less_than)
 
     @property
     def rng(self) -> np.random.Generator:

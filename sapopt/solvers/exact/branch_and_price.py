@@ -14,13 +14,14 @@ from sapopt.formulations.dual import ascend
 from sapopt.formulations.stays import Stays
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
+from sapopt.solvers.base import gap_unit
 from sapopt.solvers.exact.cuts import coefficients, violated
 from sapopt.solvers.exact.dive import dive
 from sapopt.solvers.exact.forms import StaysForm
 from sapopt.solvers.exact.master import Master
 from sapopt.solvers.exact.neighbourhoods import Neighbourhoods
 from sapopt.solvers.exact.tree import Tree
-from sapopt.solvers.exact.warm import Incumbent, gap_unit
+from sapopt.solvers.exact.warm import Incumbent
 
 _BEGIN = 2000
 """Stays that the relaxation begins with."""

@@ -16,7 +16,7 @@ from sapopt.formulations.reduction import Formulation
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
-from sapopt.solvers.base import Outcome
+from sapopt.solvers.base import Outcome, gap_unit
 from sapopt.solvers.dual_decomposition import DualDecomposition
 from sapopt.solvers.exact import dp, infeasible, search, warm
 
@@ -143,7 +143,7 @@ class Exact:
     ) -> Outcome:
         if best.plan is None and run.expired:
             best = warm.last_resort(problem, run)
-        slack = self.tolerance * max(warm.gap_unit(problem), abs(best.value))
+        slack = self.tolerance * max(gap_unit(problem), abs(best.value))
         if best.plan is not None and bound - best.value <= slack:
             status = Status.OPTIMAL
         elif run.stopped:

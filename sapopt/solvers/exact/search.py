@@ -29,6 +29,7 @@ from sapopt.formulations.network import Network, NetworkOracle
 from sapopt.kernels.blocks import thread_count
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
+from sapopt.solvers.base import gap_unit
 from sapopt.solvers.exact import warm
 from sapopt.solvers.exact.branch_and_price import BranchAndPrice
 from sapopt.solvers.exact.forms import NetworkForm
@@ -75,7 +76,7 @@ class Search:
         self.run = run
         self.tolerance = tolerance
         self.fix = fix
-        self.unit = warm.gap_unit(problem)
+        self.unit = gap_unit(problem)
         self.state = State(warm.Incumbent(), np.inf, [])
         self.options: dict[str, Any] = {}
 

@@ -26,15 +26,6 @@ log = logging.getLogger(__name__)
 _LOOKAHEADS = (2, 4)
 
 
-def gap_unit(problem: SAP) -> float:
-    """What stands for 1 in tolerances of the form ``tolerance * max(1, value)``: less where all benefits are small.
-
-    A gap of 1e-12 is no rounding error where the benefits are of that size themselves.
-    """
-    entries = np.abs(problem.benefits.flat().data)
-    return min(1.0, float(entries[np.isfinite(entries)].max(initial=0.0)) or 1.0)
-
-
 @dataclass(frozen=True, eq=False)
 class Incumbent:
     """A feasible plan and its value; no plan and -inf as long as none is known."""
