@@ -253,7 +253,7 @@ def _replanned(descent: SmoothDescent, done: int, remaining: int) -> SmoothDesce
 
 def _scale(first: DualValue, n: int, T: int) -> float:
     """A typical benefit, as far as path values tell: the mean value of an agent and step."""
-    return max(abs(first.value) / max(1, n * T), 1e-12)
+    return max(abs(first.value) / max(1, n * T), 5e-324)
 
 
 def _result(watch: _Watch, state: DualState, *, converged: bool) -> DualResult:

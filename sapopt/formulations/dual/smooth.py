@@ -116,7 +116,7 @@ class SmoothDescent:
 
     def temperature(self, oracle: SoftPathOracle, iteration: int) -> float:
         """Temperature of a step."""
-        return max(self.relative(iteration) * oracle.scale, 1.05 * oracle.coldest, 1e-12)
+        return max(self.relative(iteration) * oracle.scale, 1.05 * oracle.coldest, 1e-12 * oracle.scale)
 
     def cheaper(
         self, oracle: SoftPathOracle, state: SmoothState

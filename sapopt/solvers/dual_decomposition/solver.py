@@ -42,6 +42,7 @@ _QUIET = 6
 """Rounds without a better plan after which the search ends, if the prices have settled as well."""
 
 
+
 @dataclass(frozen=True)
 class DualDecomposition:
     """Near-optimal plans for the whole horizon, with a proven bound.
