@@ -13,6 +13,7 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.first_rows import FirstRowsOracle
 from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching.torch_paths import KERNELS, path_oracle, torch_device
+from sapopt.formulations.bounds import largest_benefits
 from sapopt.formulations.dual import DualResult, ascend
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
@@ -41,6 +42,8 @@ _LEAST_GAIN = 0.02
 _QUIET = 6
 """Rounds without a better plan after which the search ends, if the prices have settled as well."""
 
+_NETWORK_SIZES = (1e-4, 1e30)
+"""Largest benefits for which plans are made over the network; for others the oracles make them."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,10 @@ class DualDecomposition:
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
-        switching = problem.model.switching() is not None
+        largest = max(largest_benefits(problem))
+        # The plans over the network hold numbers in single precision and compare them to the ninth decimal.
+        is_usual = largest == 0.0 or _NETWORK_SIZES[0] <= largest <= _NETWORK_SIZES[1]
+        switching = problem.model.switching() is not None and is_usual
         if not problem.model.is_agent_local:
             raise ValueError(
                 f"dynamics: {problem.model.called} is not agent-local (it has neither path_oracle nor "
