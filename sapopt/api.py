@@ -15,7 +15,7 @@ from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prove
 from sapopt.running.control import Callback, Run, interruptible
 from sapopt.running.outlook import Forecast, Policy, rollout
-from sapopt.solvers.base import Outcome, Planner, Solver
+from sapopt.solvers.base import Outcome, Planner, Solver, gap_unit
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +99,7 @@ def _padded(problem: SAP, outcome: Outcome) -> Outcome:
     hidden = cancellation(problem)
     if hidden == 0.0:
         return outcome
-    is_proven = hidden <= _OPTIMAL * abs(outcome.bound)
+    is_proven = hidden <= _OPTIMAL * max(abs(outcome.bound), gap_unit(problem))
     status = Status.FEASIBLE if outcome.status is Status.OPTIMAL and not is_proven else outcome.status
     return replace(outcome, bound=outcome.bound + hidden, status=status)
 
