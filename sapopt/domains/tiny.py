@@ -42,7 +42,7 @@ def tiny_problems() -> Iterator[tuple[str, SAP]]:
     for cls, models in _MODELS.items():
         for model in models():
             benefits = _benefits()
-            if cls is RideHailing:  # a request is on offer at one step
+            if cls in _OFFERED_ONCE:
                 benefits *= np.arange(_STEPS)[:, None, None] == np.arange(_TASKS) % _STEPS
             yield f"{cls.__name__}, dense", SAP(benefits, model)
             yield f"{cls.__name__}, sparse", SAP([sp.csr_array(step) for step in benefits], model)
@@ -100,6 +100,8 @@ def _committing() -> list[Model]:
     return [UnitCommitment(np.full(_AGENTS, 0.3), 2 * ones, ones, np.full(_AGENTS, 0.1), -ones)]
 
 
+_OFFERED_ONCE = {RideHailing}
+"""Dynamics whose tasks may be worth something at one step only."""
 _MODELS: dict[Any, Callable[[], list[Model]]] = {
     SwitchingCost: _switching,
     SyntheticSwitching: _copies,
