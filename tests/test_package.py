@@ -96,6 +96,7 @@ def test_import_is_fast() -> None:
 def test_import_is_light() -> None:
     """`import sapopt` and the solvers load no heavy package: those are imported when first needed."""
     heavy = "clarabel cvxpy dask highspy matplotlib networkx numba pandas pettingzoo rich sgp4 torch typer"
+    heavy += " scipy.linalg scipy.optimize scipy.stats"
     code = f"import sys, sapopt, sapopt.solvers; print(*[m for m in '{heavy}'.split() if m in sys.modules])"
     assert run(code).split() == []
 

@@ -48,7 +48,7 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     part = path.parent / f".sapopt-{secrets.token_hex(8)}.part"
     try:
         # Exclusive: neither a file nor a link of that name is there. Permissions are those of any new file.
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | (os.O_BINARY if hasattr(os, "O_BINARY") else 0)
         with os.fdopen(os.open(part, flags, 0o666), "wb") as file:
             yield file
             file.flush()

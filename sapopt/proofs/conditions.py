@@ -15,8 +15,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.base import Switching
@@ -170,6 +168,8 @@ def _equal(one: Any, other: Any) -> bool:
 
 def _dearest_moves(problem: SAP, rule: Switching) -> float:
     """The most that the moves of one step can cost, over all pairs of assignments before and after."""
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
     n, m = problem.n, problem.m
     first = 1 if problem.initial_assignment is None else 0
     if m == 1 or first >= problem.T:
@@ -196,6 +196,8 @@ def _costs(rule: Switching, m: int) -> FloatArray:
 
 def _dearest(cost: FloatArray, n: int) -> float:
     """The dearest n moves from different tasks to different tasks."""
+    from scipy.optimize import linear_sum_assignment
+
     m = len(cost)
     if np.ptp(cost[~np.eye(m, dtype=bool)]) == 0:
         return n * float(cost.max())
@@ -275,6 +277,8 @@ def _enumerated(problem: SAP, distance: Distance, allowed: Answer) -> Conditions
 
 def _fair_start(problem: SAP) -> Answer:
     """Whether some assignment has no negative handover at the first step."""
+    from scipy.optimize import linear_sum_assignment
+
     eta = problem.handover(0, problem.initial_state())
     rows, columns = linear_sum_assignment(np.where(eta >= 0, 0.0, 1.0))
     return _answer(bool((eta[rows, columns] >= 0).all()))
