@@ -84,7 +84,8 @@ class PowerSystem:
             raise ValueError("least_mw must not be negative and not exceed most_mw")
         if not (np.isfinite(self.step_h) and self.step_h > 0):
             raise ValueError(f"step_h must be a positive number of hours, got {self.step_h!r}")
-        sizes = self.blocks_mw
+        # As cut, and as the demand fills them: one that the demand never reaches is no mistake in the cutting.
+        sizes = np.append(self.blocks_mw, self.block_mw)
         smallest = sizes[sizes > 0].min(initial=np.inf)
         small = np.flatnonzero(np.asarray(self.most_mw) < smallest)
         if len(small) and np.isfinite(smallest):

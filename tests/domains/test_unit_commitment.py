@@ -197,3 +197,13 @@ def test_instance_and_draw() -> None:
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "demand" in labels
     assert len(labels) == 4
+
+
+@pytest.mark.parametrize("units", [1, 2, 3, 6, 10])
+def test_blocks_may_lie_above_the_demand(units: int) -> None:
+    """A unit for whose blocks the demand is too low, on a short day, is no error: it stays off."""
+    for steps in (1, 8, 24):
+        for seed in range(5):
+            system = random_power_system(units, steps, seed)
+            problem = system.problem()
+            assert (problem.T, problem.n) == (steps, units)
