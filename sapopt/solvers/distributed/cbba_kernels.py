@@ -230,25 +230,27 @@ def consensus_phase(begin, end, link_start, links, r, slots, tables, sent, chang
     The agents of a block, in round r: `tables` are theirs and change, `sent` is a copy from before the round.
     """
     n = len(link_start) - 1
-    y, z, s = tables.bid, tables.winner, tables.stamp
-    y_sent, z_sent, s_sent = sent.bid, sent.winner, sent.stamp
+    # Rows are taken out of the loops: a view that is made anew at every entry counts a reference, and two threads that
+    # count references of one array slow each other down.
     for i in range(begin, end):
+        y, z, s = tables.bid[i], tables.winner[i], tables.stamp[i]
         for e in range(link_start[i], link_start[i + 1]):
             k = links[e]
+            y_sent, z_sent, s_sent = sent.bid[k], sent.winner[k], sent.stamp[k]
             for c in slots:
-                if z[i, c] == z_sent[k, c] and y[i, c] == y_sent[k, c]:
+                if z[c] == z_sent[c] and y[c] == y_sent[c]:
                     continue
-                action = decide(i, k, y[i, c], z[i, c], y_sent[k, c], z_sent[k, c], s[i], s_sent[k])
+                action = decide(i, k, y[c], z[c], y_sent[c], z_sent[c], s, s_sent)
                 if action == UPDATE:
-                    y[i, c] = y_sent[k, c]
-                    z[i, c] = z_sent[k, c]
+                    y[c] = y_sent[c]
+                    z[c] = z_sent[c]
                     changed[i] = True
                 elif action == RESET:
-                    y[i, c] = 0.0
-                    z[i, c] = -1
+                    y[c] = 0.0
+                    z[c] = -1
                     changed[i] = True
             for a in range(n):
-                if s_sent[k, a] > s[i, a]:
-                    s[i, a] = s_sent[k, a]
-            s[i, k] = r
-        s[i, i] = r
+                if s_sent[a] > s[a]:
+                    s[a] = s_sent[a]
+            s[k] = r
+        s[i] = r
