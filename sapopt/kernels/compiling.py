@@ -42,8 +42,9 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
             super().save(key, data)
         except OSError as error:
             log.info("numba cache: %s", error)
-        except Exception:
-            self._discard()  # the index is damaged
+        except Exception as error:  # saving reads the index first, which may be damaged
+            log.warning("numba cache: threw away %s (%s)", self._index_path, error or type(error).__name__)
+            self._discard()
             super().save(key, data)
 
     def _discard(self) -> None:
