@@ -16,6 +16,7 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.data.windows import WindowSums
 from sapopt.learning.observation import Spec
 from sapopt.problem.sap import SAP
+from sapopt.running.chance import Chance, Seed, follow
 from sapopt.running.outlook import Outlook
 
 
@@ -27,11 +28,18 @@ class Environment:
     problem : SAP
     conflicts_shared : bool
         Allow several agents on one task; see the module documentation for the reward.
+    chance : Chance, optional
+        Draws the state that follows a step, in place of the problem's own transition.
+    seed : int or sequence of int
+        Of those draws: the same seed and the same assignments make the same episode.
     """
 
-    def __init__(self, problem: SAP, conflicts_shared: bool = False) -> None:
+    def __init__(
+        self, problem: SAP, conflicts_shared: bool = False, chance: Chance | None = None, seed: Seed = 0
+    ) -> None:
         self.problem = problem
         self.conflicts_shared = conflicts_shared
+        self.chance, self.seed = chance, seed
         self._parking = np.arange(problem.m)
         self.reset()
 
@@ -66,7 +74,7 @@ class Environment:
         Returns
         -------
         ndarray of float64, shape (n,)
-            Reward of every agent; the sum is the step's part of ``SAP.evaluate``.
+            Reward of every agent; without chance the sum is the step's part of ``SAP.evaluate``.
 
         Raises
         ------
@@ -82,7 +90,7 @@ class Environment:
         if self.conflicts_shared:
             holders = np.bincount(assignment, minlength=problem.m)[assignment]
             rewards = np.where(rewards > 0, rewards / holders, rewards)
-        self.state = problem.transition(self.k, self.state, assignment)
+        self.state = follow(problem, self.chance, self.seed, self.k, self.state, assignment)
         self.k += 1
         return rewards
 

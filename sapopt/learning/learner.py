@@ -16,7 +16,6 @@ from sapopt.learning.network import new_network
 from sapopt.learning.observation import dense_values, gain_matrix
 from sapopt.learning.options import FRESH, Problems, TrainOptions
 from sapopt.learning.replay import Batch, Episode, Replay, replayed
-from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Policy
 
 
@@ -53,7 +52,7 @@ class Learner:
         epsilon = options.epsilon(self.episode)
         for group in self.adam.param_groups:
             group["lr"] = options.rate(self.episode)
-        episode = self._begun(self.problems(options.seed * 100_000 + self.episode))
+        episode = self._begun(options.seed * 100_000 + self.episode)
         losses = []
         if options.after == "step":
             self.replay.add(episode)
@@ -78,7 +77,7 @@ class Learner:
         """Mean value over fresh episodes without exploration; the best weights are remembered."""
         values = []
         for seed in range(self.options.evaluations):
-            episode = self._begun(self.problems(FRESH + seed))
+            episode = self._begun(FRESH + seed)
             for _ in self._steps(episode, None):
                 pass
             values.append(episode.rewards.sum(dtype=np.float64))
@@ -88,17 +87,18 @@ class Learner:
             self.best.load_state_dict(self.online.state_dict())
         return value
 
-    def _begun(self, problem: SAP) -> Episode:
+    def _begun(self, seed: int) -> Episode:
         """An episode of which nothing is played yet."""
+        problem = self.problems(seed)
         plan = np.empty((problem.T, problem.n), np.int64)
         rewards = np.zeros((problem.T, problem.n), np.float32)
-        return Episode(self.options.seed * 100_000 + self.episode, problem, plan, rewards, [])
+        return Episode(seed, problem, plan, rewards, [])
 
     def _steps(self, episode: Episode, epsilon: float | None) -> Iterator[None]:
         """Play an episode, with a stop after every step; an evaluation (epsilon None) draws no random number, so
         how often one evaluates changes nothing."""
         problem = episode.problem
-        env = Environment(problem, self.shared)
+        env = Environment(problem, self.shared, self.options.chance, episode.seed)
         memory = self.guide.begin(problem, self.rng)
         episode.states.append(env.state)
         while not env.done:
@@ -192,7 +192,7 @@ class Learner:
         self.adam = saved.adam
         self.rng.bit_generator.state = saved.rng
         for seed, plan in saved.plans:
-            self.replay.add(replayed(seed, self.problems(seed), plan, self.shared))
+            self.replay.add(replayed(seed, self.problems(seed), plan, self.shared, self.options.chance))
 
 
 def traced(rewards: torch.Tensor, later: torch.Tensor, discount: float, trace: float) -> torch.Tensor:

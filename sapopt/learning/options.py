@@ -10,6 +10,7 @@ import numpy as np
 
 from sapopt.learning.observation import ObservationSpec, Spec, ThesisObservation
 from sapopt.problem.sap import SAP
+from sapopt.running.chance import Chance
 
 Problems = Callable[[int], SAP]
 """``problems(seed)``: the problem of an episode, the same for the same seed; all with the same number of agents."""
@@ -63,6 +64,8 @@ class TrainOptions:
         Whether the assignment of the values is played (REDA), or every agent's own best choice, conflicts shared (IQL).
     hidden : tuple of int
     spec : Spec
+    chance : Chance, optional
+        Draws the states of every episode, by the episode's seed; None: nothing is random.
     seed : int
     evaluate_every, evaluations : int
         Episodes between evaluations without exploration, and fresh episodes in each; the best weights are kept.
@@ -99,6 +102,7 @@ class TrainOptions:
     choose: Choose = "alpha"
     hidden: tuple[int, ...] = (64, 64)
     spec: Spec = field(default_factory=ObservationSpec)
+    chance: Chance | None = None
     seed: int = 0
     evaluate_every: int = 20
     evaluations: int = 2

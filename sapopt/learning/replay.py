@@ -19,6 +19,7 @@ from sapopt.learning.environment import Environment
 from sapopt.learning.observation import Spec
 from sapopt.learning.observation_kernels import action_index
 from sapopt.problem.sap import SAP
+from sapopt.running.chance import Chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +54,11 @@ class Episode:
         return spec.look(self.problem.benefits, k, self.problem.model, self.states[k], k)
 
 
-def replayed(seed: int, problem: SAP, plan: IntArray, conflicts_shared: bool = False) -> Episode:
+def replayed(
+    seed: int, problem: SAP, plan: IntArray, conflicts_shared: bool = False, chance: Chance | None = None
+) -> Episode:
     """The episode that a plan makes."""
-    env = Environment(problem, conflicts_shared)
+    env = Environment(problem, conflicts_shared, chance, seed)
     rewards = np.empty(plan.shape, np.float32)
     states = [env.state]
     while not env.done:

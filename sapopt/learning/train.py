@@ -75,7 +75,9 @@ def _train(problems: Problems, guide: Policy, options: TrainOptions, folder: Pat
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "checkpoint.safetensors"
     learner = Learner(problems, guide, options)
-    about = asdict(options) | {"guide": guide.name}
+    about = asdict(options) | {"guide": guide.name, "chance": repr(options.chance)}
+    if options.chance is None:  # checkpoints from before there was such an option go on
+        del about["chance"]
     if path.exists():
         learner.restore(load_checkpoint(path, about, learner.checkpoint()))
     with TrainingLog(folder, learner.episode) as record:

@@ -8,8 +8,10 @@ import pytest
 pytest.importorskip("torch")
 
 from sapopt import SAP, SwitchingCost, solve
+from sapopt.domains.chance import Failures
 from sapopt.domains.instances import instance
 from sapopt.learning import Environment, ObservationSpec
+from sapopt.running.chance import play
 from sapopt.solvers import HAA
 
 
@@ -52,3 +54,17 @@ def test_observations_follow_the_steps() -> None:
     after, _ = env.observe(spec)
     np.testing.assert_array_equal(after[:, :2], [[5, 4], [7, 6]])
     np.testing.assert_array_equal(after[:, -2:], [[1, 0], [0, 1]])
+
+
+def test_chance_in_an_environment() -> None:
+    """The environment draws its states: rewards are those of the same plan played by itself, and repeat by the seed."""
+    problem = instance("power", 1, steps=6)
+    chance = Failures(0.2)
+    plan = solve(problem, HAA()).plan
+    wanted = play(problem, plan, chance, 7)
+    env = Environment(problem, chance=chance, seed=7)
+    for _ in range(2):
+        env.reset()
+        np.testing.assert_array_equal([env.step(tasks) for tasks in plan], wanted.rewards)
+    other = Environment(problem, chance=chance, seed=8)
+    assert sum(other.step(tasks).sum() for tasks in plan) != wanted.value

@@ -12,7 +12,9 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from sapopt import SAP, SwitchingCost, solve
+from sapopt.domains.chance import Failures
 from sapopt.domains.instances import instance
+from sapopt.domains.power import WalkerShell, power_constellation
 from sapopt.learning import REDA, Environment, ObservationSpec, ThesisObservation, TrainOptions, train
 from sapopt.learning.learner import Learner
 from sapopt.learning.replay import Replay, replayed
@@ -36,20 +38,30 @@ def problems(seed: int) -> SAP:
     return instance("constellation-toy", seed, idle_is_free=True, steps=8)
 
 
+def on_batteries(seed: int) -> SAP:
+    """Small constellations on batteries."""
+    made = power_constellation(WalkerShell(4, 6, 58.0, 1200.0), tasks=30, steps=8, seed=seed)
+    return made.problem()
+
+
 def weights(training: Training) -> list[np.ndarray]:
     """All weights."""
     return [tensor.numpy() for tensor in training.network.state_dict().values()]
 
 
-@pytest.mark.parametrize("options", [OPTIONS, THESIS], ids=["default", "thesis"])
+CHANCE = replace(OPTIONS, spec=ObservationSpec(6, 4, 2), chance=Failures(0.1))
+
+
+@pytest.mark.parametrize("options", [OPTIONS, THESIS, CHANCE], ids=["default", "thesis", "chance"])
 def test_seeds_repeat_and_a_kill_changes_nothing(options: TrainOptions, tmp_path: Path) -> None:
     """The same seed gives the same weights bit for bit, killed and resumed or not; another seed gives others."""
-    whole = train(problems, GUIDE, options, tmp_path / "whole")
+    made = on_batteries if options.chance else problems
+    whole = train(made, GUIDE, options, tmp_path / "whole")
     for stop in (1, 3):
         folder = tmp_path / f"killed{stop}"
-        part = train(problems, GUIDE, options, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
+        part = train(made, GUIDE, options, folder, Run(callback=lambda p, stop=stop: p.done >= stop))
         assert part.episodes == stop
-        resumed = train(problems, GUIDE, options, folder)
+        resumed = train(made, GUIDE, options, folder)
         assert resumed.value == whole.value
         assert all(map(np.array_equal, weights(resumed), weights(whole)))
         logs = []
@@ -60,7 +72,7 @@ def test_seeds_repeat_and_a_kill_changes_nothing(options: TrainOptions, tmp_path
                 )
         assert logs[0] == logs[1]
         assert len(logs[0]) == options.episodes
-    other = train(problems, GUIDE, replace(options, seed=1), tmp_path / "other")
+    other = train(made, GUIDE, replace(options, seed=1), tmp_path / "other")
     assert not all(map(np.array_equal, weights(other), weights(whole)))
 
 
