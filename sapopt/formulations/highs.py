@@ -300,7 +300,8 @@ class GrowingProgramme:
     Parameters
     ----------
     programme : Programme
-        What it begins with; `integer` does not count.
+        What it begins with; `integer` does not count. Its largest gain is to be of the size of those added later:
+        it says how the gains are scaled for HiGHS, as `maximise` scales them.
     """
 
     def __init__(self, programme: Programme) -> None:
@@ -309,7 +310,9 @@ class GrowingProgramme:
         self._solver = highspy.Highs()
         for name, value in (("output_flag", False), ("threads", 1), ("presolve", "off")):
             self._solver.setOptionValue(name, value)
-        self._solver.passModel(_model(highspy, programme, relaxed=True))
+        self._factor = _factor(programme.gain)
+        scaled = replace(programme, gain=programme.gain * self._factor)
+        self._solver.passModel(_model(highspy, scaled, relaxed=True))
         self._unfinished = highspy.HighsModelStatus.kTimeLimit
 
     def add_columns(self, gain: FloatArray, columns: Any) -> None:
@@ -317,7 +320,7 @@ class GrowingProgramme:
         columns = sp.csc_array(columns)
         count = len(gain)
         self._solver.addCols(
-            count, -gain, np.zeros(count), np.full(count, np.inf), columns.nnz,
+            count, -self._factor * gain, np.zeros(count), np.full(count, np.inf), columns.nnz,
             columns.indptr.astype(np.int32), columns.indices.astype(np.int32), columns.data,
         )  # fmt: skip
 
@@ -335,7 +338,7 @@ class GrowingProgramme:
 
     def set_gain(self, columns: np.ndarray, gain: FloatArray) -> None:
         """Change the gains of some columns."""
-        self._solver.changeColsCost(len(columns), columns.astype(np.int32), -gain)
+        self._solver.changeColsCost(len(columns), columns.astype(np.int32), -self._factor * gain)
 
     @property
     def basis(self) -> Any:
@@ -354,7 +357,7 @@ class GrowingProgramme:
     @property
     def duals(self) -> FloatArray:
         """Row duals of the last basis; any numbers make a Lagrangian bound, these make a good one."""
-        return -np.asarray(self._solver.getSolution().row_dual, dtype=np.float64)
+        return np.asarray(self._solver.getSolution().row_dual, dtype=np.float64) / -self._factor
 
     def solve(self, stop: Callable[[], bool] = lambda: False, iterations: int | None = None) -> bool:
         """Solve, or take a number of simplex steps. Returns False if ``stop()`` was true before the end.

@@ -264,7 +264,7 @@ def _enumerated(problem: SAP, distance: Distance, allowed: Answer) -> Conditions
                 if k + 1 < problem.T:
                     kept = problem.handover(k + 1, after)[np.arange(problem.n), tasks]
                     vanishing &= bool((kept >= 0).all())
-            strict &= _falls(np.array(moved), np.array(worth))
+            strict &= _falls(np.array(moved), np.array(worth), _largest(eta))
         for states_after in reached:
             tried += len(states_after) ** 2
             if tried > _ENUMERATED:
@@ -288,9 +288,13 @@ def _total(eta: FloatArray, tasks: IntArray) -> float:
     return math.fsum(eta[np.arange(len(tasks)), tasks].tolist())
 
 
-def _falls(moved: FloatArray, worth: FloatArray) -> bool:
-    """Whether who moves the state as far or farther is worth the same or less."""
-    slack = _CLOSE * max(1.0, float(np.abs(worth[np.isfinite(worth)]).max(initial=0.0)))
+def _largest(eta: FloatArray) -> float:
+    return float(np.abs(eta[np.isfinite(eta)]).max(initial=0.0))
+
+
+def _falls(moved: FloatArray, worth: FloatArray, size: float) -> bool:
+    """Whether who moves the state as far or farther is worth the same or less; `size` is that of the handovers."""
+    slack = _CLOSE * size
     for distance in np.unique(moved):
         if worth[moved >= distance].max() > worth[moved <= distance].min() + slack:
             return False

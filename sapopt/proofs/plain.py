@@ -183,10 +183,11 @@ def check_local_model(problem: SAP, plan: IntArray) -> None:
     for k in range(problem.T):
         benefit = dense_step(problem.benefits.step(k))
         eta = problem.handover(k, state)
+        size = max(float(np.abs(part[np.isfinite(part)]).max(initial=0.0)) for part in (benefit, eta))
         for i in agents:
             successor, handover = model.step(k, int(i), benefit[i])
             told, true = float(handover[local[i], plan[k, i]]), float(eta[i, plan[k, i]])
-            if not math.isclose(told, true, rel_tol=1e-9, abs_tol=1e-12):
+            if not math.isclose(told, true, rel_tol=1e-9, abs_tol=1e-12 * size):
                 raise ValueError(
                     f"dynamics: {type(problem.dynamics).__name__} contradicts itself: for agent {i} on task "
                     f"{plan[k, i]} at step {k} its local_model has a handover of {told:g}, its handover matrix {true:g}"

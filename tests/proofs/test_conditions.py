@@ -101,6 +101,14 @@ def test_domination_is_a_distance() -> None:
     assert conditions(SAP(rng.random((3, 2, 3)), Tired(False))).vanishing == "yes"
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1e-13, 1.0, 1e150])
+def test_the_scale_of_the_handovers_decides_nothing(scale: float) -> None:
+    """Two moves of unequal cost are told apart however small both are."""
+    cost = scale * (1.0 - np.eye(4)) * np.arange(1.0, 5.0)
+    for matrix, strict in ((cost, "no"), (scale * (1.0 - np.eye(4)), "yes")):
+        assert conditions(SAP(np.ones((2, 1, 4)), SwitchingCost(matrix)), hamming).strict_penalty == strict
+
+
 def test_what_is_too_large_is_unknown() -> None:
     """A user's dynamics with too many states and assignments is not guessed at."""
     found = conditions(SAP(np.ones((3, 2, 200)), Wide()))

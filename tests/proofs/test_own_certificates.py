@@ -26,8 +26,8 @@ class Told(Learning):
 class Ladder:
     """Local states written out by hand; `told` is what the class says of itself, `slip` an error in its states."""
 
-    def __init__(self, told: Any = "Ladder 1", slip: float = 0.0) -> None:
-        self.told, self.slip = told, slip
+    def __init__(self, told: Any = "Ladder 1", slip: float = 0.0, rung: float = 0.1) -> None:
+        self.told, self.slip, self.rung = told, slip, rung
 
     def fingerprint(self) -> Any:
         return self.told
@@ -36,20 +36,20 @@ class Ladder:
         return np.zeros(problem.n, dtype=np.int64)
 
     def handover(self, k: int, state: np.ndarray) -> np.ndarray:
-        return np.asarray(-0.1 * np.abs(state[:, None] - np.arange(4)))
+        return np.asarray(-self.rung * np.abs(state[:, None] - np.arange(4)))
 
     def transition(self, k: int, state: np.ndarray, assignment: np.ndarray) -> np.ndarray:
         return state + np.sign(assignment - state)
 
     def local_model(self, benefits: Any, state: np.ndarray) -> Any:
-        return Rungs(state, self.slip)
+        return Rungs(state, self.rung + self.slip)
 
 
 class Rungs:
     """The states of a `Ladder`."""
 
-    def __init__(self, state: np.ndarray, slip: float) -> None:
-        self.state, self.slip = state, slip
+    def __init__(self, state: np.ndarray, rung: float) -> None:
+        self.state, self.rung = state, rung
 
     def state_count(self) -> int:
         return 4
@@ -59,7 +59,7 @@ class Rungs:
 
     def step(self, k: int, agent: int, benefit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rung, task = np.indices((4, 4))
-        return rung + np.sign(task - rung), -(0.1 + self.slip) * np.abs(rung - task)
+        return rung + np.sign(task - rung), -self.rung * np.abs(rung - task)
 
 
 @pytest.mark.parametrize("dynamics", [Told(0.3), Ladder(), Ladder(["Ladder", 1, np.arange(3)])])
@@ -109,9 +109,10 @@ def test_a_careless_fingerprint_proves_nothing_false() -> None:
         verify(claim, rich)
 
 
-def test_a_dynamics_that_contradicts_itself_is_refused() -> None:
-    """Local states with other handovers than the matrices would bound another problem."""
-    problem = SAP(BENEFITS, Ladder(slip=0.05))
+@pytest.mark.parametrize("scale", [1e-300, 1e-13, 1.0, 1e150])
+def test_a_dynamics_that_contradicts_itself_is_refused(scale: float) -> None:
+    """Local states with other handovers than the matrices would bound another problem, at any scale."""
+    problem = SAP(BENEFITS * scale, Ladder(slip=0.05 * scale, rung=0.1 * scale))
     with pytest.raises(CertificateError, match="contradicts itself"):
         certify(problem, solve(problem, HAA()))
 

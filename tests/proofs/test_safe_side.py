@@ -16,18 +16,23 @@ import pytest
 from sapopt import SAP, SwitchingCost, bound, certify, solve, verify
 from sapopt.data.files import write_npz
 from sapopt.dynamics import Battery
+from sapopt.problem.result import Status
 from sapopt.proofs.certificate import Certificate, CertificateError
 from sapopt.proofs.plain import plain_bound, plain_value, sum_down
 from sapopt.solvers import HAA, Exact
 
-SCALES = {"1e-300": 1e-300, "1e-12": 1e-12, "1": 1.0, "1e12": 1e12, "1e150": 1e150, "mixed": None}
+SCALES = {
+    "1e-300": (1e-300,), "1e-12": (1e-12,), "1": (1.0,), "1e12": (1e12,), "1e150": (1e150,),
+    "mixed": (1e-20, 1e-13, 1e-6, 1.0, 1e6, 1e13, 1e20), "far apart": (1e-300, 1e-12, 1.0, 1e12, 1e150),
+}  # fmt: skip
+"""By name; of several, every benefit has one of its own."""
 
 
-def drawn(seed: int, scale: float | None) -> SAP:
+def drawn(seed: int, scales: tuple[float, ...]) -> SAP:
     """A problem of two agents, with negative benefits, at one scale or with entries of all of them."""
     rng = np.random.default_rng(seed)
-    size = 10.0 ** rng.uniform(-20, 20, (3, 2, 3)) if scale is None else np.full((3, 2, 3), scale)
-    cost = 1.0 if scale is None else 0.3 * scale
+    size = rng.choice(scales, (3, 2, 3))
+    cost = 0.3 * float(rng.choice(scales))
     initial = [0, 1] if seed % 2 else None
     return SAP(rng.uniform(-0.3, 1.0, (3, 2, 3)) * size, SwitchingCost(cost, bool(seed % 3 == 0)), initial)
 
@@ -72,10 +77,15 @@ def test_value_and_bound_against_fractions(seed: int, scale: str) -> None:
         assert Fraction(plain_bound(problem, prices)) >= optimum
     proven = bound(problem)
     assert Fraction(proven.value) >= optimum
-    result = solve(problem, Exact(method="dp"))
     size = Fraction(float(np.abs(problem.benefits.dense()).max())) * problem.T * problem.n
-    assert abs(Fraction(result.value) - optimum) <= size / 10**9
-    assert Fraction(result.bound) >= optimum
+    for method in ("network", "milp", "qap", "dp"):
+        result = solve(problem, Exact(method=method, tolerance=1e-9))
+        exact = exact_value(problem, result.plan)
+        assert abs(Fraction(result.value) - exact) <= size / 2**50, method
+        assert result.status is Status.OPTIMAL, method
+        assert optimum - exact <= size / 10**9, method
+        assert Fraction(result.bound) >= optimum - size / 10**12, method
+        assert Fraction(result.bound) <= optimum + size / 10**9, method
     certificate = certify(problem, result, prices=proven.prices)
     assert Fraction(certificate.value) <= exact_value(problem, result.plan)
     assert Fraction(certificate.bound) >= optimum
@@ -189,7 +199,7 @@ FORGED: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", FORGED)
 def test_forged_headers(tmp_path: Path, name: str) -> None:
     """Whatever a header claims, the refusal is a CertificateError."""
-    problem = drawn(1, 1.0)
+    problem = drawn(1, (1.0,))
     path = tmp_path / "c.npz"
     certify(problem, solve(problem, HAA())).save(path)
     with np.load(path) as file:
@@ -218,7 +228,7 @@ def test_forged_headers(tmp_path: Path, name: str) -> None:
 )  # fmt: skip
 def test_forged_objects(change: dict[str, Any]) -> None:
     """A certificate that was made by hand is refused in the same way."""
-    problem = drawn(1, 1.0)
+    problem = drawn(1, (1.0,))
     honest = certify(problem, solve(problem, HAA()))
     with pytest.raises(CertificateError):
         verify(dataclasses.replace(honest, **change), problem)

@@ -13,6 +13,7 @@ from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.copies.model import SyntheticSwitching
 from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.formulations.bounds import largest_benefits
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_agents, counts, ranks, repeated
 from sapopt.formulations.synthetic.repeated import RepeatedPaths
@@ -194,7 +195,7 @@ class SyntheticAgents:
             oracle = path_oracle(problem.model, problem.benefits, start)
         found = ascend(oracle, time_limit=time_limit)
         value = float(found.bound) + constant
-        padding = 1e-12 * max(1.0, abs(value), abs(constant))
+        padding = 1e-12 * max(sum(largest_benefits(problem)), abs(value), abs(constant))
         return Bound(value + padding, None, "Lagrangian dual of identical copies with priced ranks")
 
     def _held(self, reference: Any) -> FloatArray:

@@ -86,7 +86,7 @@ def follow(benefit, price, cost, idle_is_free, to_go, start, path):
                 arrive += benefit[s, t] - price[s, t]
             if at >= 0 and (not idle_is_free or (s < slots and benefit[s, t] > 0.0)):
                 arrive -= cost
-            if arrive > best + 1e-12:
+            if arrive > best and (best == -np.inf or arrive - best > 1e-12 * abs(best)):
                 best, where = arrive, s
         path[t] = where
         at = where

@@ -96,6 +96,7 @@ class BranchAndPrice:
             self._watch,
             self._polish,
             lambda: self.run.expired,
+            self.unit,
         )
         tree.cuts, tree.right = master.cuts[:, keep], master.right
         bound = tree.search(threads)
@@ -114,7 +115,9 @@ class BranchAndPrice:
     def _root(self, stays: Stays) -> tuple[Master, FloatArray]:
         """Solve the relaxation with cuts; also how much a plan that uses a stay falls short of the bound."""
         values, through = stays.through(stays.priced(self.prices))
-        master = Master(stays, np.argsort(values[stays.agent] - through)[:_BEGIN], lambda: self.run.expired)
+        master = Master(
+            stays, np.argsort(values[stays.agent] - through)[:_BEGIN], lambda: self.run.expired, self.unit
+        )
         everything = np.zeros(len(stays), dtype=bool)
         for _ in range(_ROUNDS):
             relaxed = master.solve(everything, self._target())

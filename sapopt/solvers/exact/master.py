@@ -71,11 +71,16 @@ class Master:
         Stays to begin with.
     stop : callable
         Asked while the programme is solved; a true answer ends that.
+    unit : float
+        What stands for 1 in tolerances, see `sapopt.solvers.base.gap_unit`.
     """
 
-    def __init__(self, stays: Stays, begin: IntArray, stop: Callable[[], bool] = lambda: False) -> None:
+    def __init__(
+        self, stays: Stays, begin: IntArray, stop: Callable[[], bool] = lambda: False, unit: float = 1.0
+    ) -> None:
         self.stays = stays
         self.stop = stop
+        self.unit = unit
         self.inside = np.zeros(len(stays), dtype=bool)
         self.columns = np.zeros(0, dtype=np.int64)
         T, n, m = stays.shape
@@ -83,7 +88,7 @@ class Master:
         self.artificial = count = (
             n * T
         )  # a step of an agent that is left out, so that there always is a solution
-        self.penalty = 2.0 * (float(np.abs(stays.gain).max(initial=0.0)) + 1.0)
+        self.penalty = 2.0 * (float(np.abs(stays.gain).max(initial=0.0)) + unit)
         low, high = stays.sides
         self.programme = GrowingProgramme(
             Programme(
@@ -138,7 +143,7 @@ class Master:
                 break
             better = self.stays.less_wages(proof.weight, proof.wages)
             better[closed | self.inside] = -np.inf
-            better = np.where(better > 1e-7, better, -np.inf)
+            better = np.where(better > 1e-7 * self.unit, better, -np.inf)
             if len(better) > _BATCH:
                 chosen = np.argpartition(-better, _BATCH)[:_BATCH]
             else:
@@ -185,7 +190,7 @@ class Master:
         weight[closed] = -np.inf
         values, _ = self.stays.through(weight)
         total = float(values.sum()) + fixed
-        return Proof(total + _ROUNDING * max(1.0, abs(total)), prices, wages, weight)
+        return Proof(total + _ROUNDING * max(self.unit, abs(total)), prices, wages, weight)
 
     def probe(self, closed: np.ndarray, basis: Any, iterations: int) -> float:
         """Bound after a few steps of the dual simplex method from a basis, without new stays."""

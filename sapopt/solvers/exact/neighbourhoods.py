@@ -15,6 +15,7 @@ from sapopt.data.types import IntArray
 from sapopt.formulations.highs import Answer, Ending, maximise
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
+from sapopt.solvers.base import gap_unit
 from sapopt.solvers.exact.forms import Form
 from sapopt.solvers.exact.warm import Incumbent
 
@@ -59,7 +60,7 @@ class Neighbourhoods:
         self.run = run
         self.note = note
         self.tolerance = tolerance
-        self.scale = max(1.0, abs(bound))
+        self.scale = max(gap_unit(problem), abs(bound))
         self.stop_at = self.last = self.began = 0.0
         self.quiet = np.inf
         self.written = 0.0  # seconds that it took to write down the last neighbourhood

@@ -67,6 +67,8 @@ class Tree:
         ``polish(plan)``, given a plan now and then; `found` if omitted.
     expired : callable
         Whether the run is over; asked in the middle of a node.
+    unit : float
+        What stands for 1 in tolerances, see `sapopt.solvers.base.gap_unit`.
     """
 
     def __init__(
@@ -79,6 +81,7 @@ class Tree:
         watch: Callable[[float, int], bool],
         polish: Callable[[IntArray], object] | None = None,
         expired: Callable[[], bool] = lambda: False,
+        unit: float = 1.0,
     ) -> None:
         self.stays = stays
         self.begin = begin
@@ -87,6 +90,7 @@ class Tree:
         self.watch = watch
         self.polish = polish or found
         self.expired = expired
+        self.unit = unit
         self.cuts, self.right = coefficients(stays, [])
         self.count = itertools.count()
         self.queue = [Node((-bound, next(self.count)), ())]
@@ -134,7 +138,7 @@ class Tree:
 
     def _work(self, number: int) -> None:
         try:
-            master = Master(self.stays, self.begin, self._over)
+            master = Master(self.stays, self.begin, self._over, self.unit)
             if len(self.right):
                 master.cut(self.cuts, self.right)
             while True:
@@ -240,13 +244,15 @@ class Tree:
         basis = master.programme.basis
         best, best_score = None, -1.0
         limits = (relaxed.bound, relaxed.bound)
+        size = max(self.unit, abs(relaxed.bound))
         for branch in candidates:
             parts = []
             for yes in (True, False):
                 parts.append(
                     min(relaxed.bound, master.probe(closed | self._closes((*branch, yes)), basis, _TRIAL))
                 )
-            drop = [max(relaxed.bound - part, 1e-6) for part in parts]
+            # By the size of the bound, so that no product under- or overflows.
+            drop = [max(relaxed.bound - part, 1e-6 * self.unit) / size for part in parts]
             score = drop[0] * drop[1]
             if score > best_score:
                 best, best_score, limits = branch, score, (parts[0], parts[1])
