@@ -48,7 +48,7 @@ def riding(seed: int, T: int = 5, n: int = 2, requests: int = 4, places: int = 4
     return SAP(benefits, RideHailing(travel, *ends, rng.integers(0, places, n), 2, 0.3))
 
 
-def committing(seed: int, T: int = 5, n: int = 2, blocks: int = 2) -> SAP:
+def committing(seed: int, T: int = 5, n: int = 2, blocks: int = 2, stops: bool = False) -> SAP:
     rng = np.random.default_rng(seed)
     benefits = np.zeros((T, n, blocks + 2 * n))
     benefits[:, :, :blocks] = 2 + 3 * rng.normal(size=(T, n, blocks))
@@ -56,7 +56,10 @@ def committing(seed: int, T: int = 5, n: int = 2, blocks: int = 2) -> SAP:
     idling = rng.random(n)
     benefits[:, np.arange(n), blocks + np.arange(n)] = -idling
     times = rng.integers(1, 4, (2, n))
-    return SAP(benefits, UnitCommitment(3 * rng.random(n), *times, idling, rng.choice([-3, -1, 1, 3], n)))
+    first, initial = 3 * rng.random(n), rng.choice([-3, -1, 1, 3], n)
+    return SAP(
+        benefits, UnitCommitment(first, *times, idling, initial, 0.5 + rng.random(n) if stops else 0.0)
+    )
 
 
 def learning(seed: int, T: int = 4, n: int = 2, m: int = 4) -> SAP:

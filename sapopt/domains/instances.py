@@ -350,10 +350,10 @@ def _ride_hailing(
     (48, 40, 120),
     cost=1.0,
 )
-def _unit_commitment(seed: int, units: int = 40, steps: int = 48) -> Scenario:
+def _unit_commitment(seed: int, units: int = 40, steps: int = 48, shut_down: float = 0.0) -> Scenario:
     from sapopt.domains.unit_commitment import random_power_system
 
-    return random_power_system(units, steps, seed)
+    return random_power_system(units, steps, seed, shut_down=shut_down)
 
 
 @register(

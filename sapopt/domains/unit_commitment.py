@@ -49,6 +49,8 @@ class PowerSystem:
         Value of a megawatt hour that is served.
     step_h : float
         Hours of a step.
+    shut_down : float or ndarray, shape (n,)
+        Cost of a stop.
     """
 
     least_mw: FloatArray
@@ -63,11 +65,15 @@ class PowerSystem:
     block_mw: FloatArray
     price_per_mwh: float
     step_h: float = 1.0
+    shut_down: FloatArray | float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.least_mw)
+        if np.ndim(self.shut_down) == 0:
+            object.__setattr__(self, "shut_down", np.full(n, self.shut_down, dtype=np.float64))
         for name in (
-            "least_mw", "most_mw", "fuel_per_mwh", "running_per_h", "start_up", "minimum_up", "minimum_down", "initial",
+            "least_mw", "most_mw", "fuel_per_mwh", "running_per_h", "start_up", "shut_down", "minimum_up",
+            "minimum_down", "initial",
         ):  # fmt: skip
             values = np.asarray(getattr(self, name))
             if values.shape != (n,):
@@ -124,22 +130,24 @@ class PowerSystem:
         Parameters
         ----------
         cost : float
-            Factor on the start-up costs.
+            Factor on the start-up and shut-down costs.
         idle_is_free : bool, optional
-            Refused: what a unit pays is its start and the power it makes.
+            Refused: what a unit pays is its start, its stop and the power it makes.
         """
         import scipy.sparse as sp
 
         from sapopt.dynamics import UnitCommitment
         from sapopt.problem.sap import SAP
 
-        refuse_idle_rule(idle_is_free, "a unit pays for its start and for the power it makes")
+        refuse_idle_rule(idle_is_free, "a unit pays for its start, its stop and the power it makes")
         if np.ndim(cost) or not (np.isfinite(cost) and cost >= 0):
-            raise ValueError(f"cost is a factor on the start-up costs, one finite number, got {cost!r}")
+            raise ValueError(
+                f"cost is a factor on the start-up and shut-down costs, one finite number, got {cost!r}"
+            )
         n, B = len(self.least_mw), len(self.block_mw)
         rule = UnitCommitment(
             float(cost) * np.asarray(self.start_up, dtype=np.float64), self.minimum_up, self.minimum_down,
-            self.spinning, self.initial,
+            self.spinning, self.initial, float(cost) * np.asarray(self.shut_down, dtype=np.float64),
         )  # fmt: skip
         benefits = np.zeros((len(self.demand_mw), n, B + 2 * n))
         benefits[:, :, :B] = self.gains()
@@ -229,7 +237,9 @@ class PowerSystem:
         return ax
 
 
-def random_power_system(units: int = 40, steps: int = 48, seed: int = 0) -> PowerSystem:
+def random_power_system(
+    units: int = 40, steps: int = 48, seed: int = 0, *, shut_down: float = 0.0
+) -> PowerSystem:
     """A made-up system: a quarter of slow and cheap units, half of middling ones, a quarter of quick and dear ones.
 
     The demand has a peak in the morning and a higher one in the evening, and at most nine tenths of what all units can
@@ -240,12 +250,16 @@ def random_power_system(units: int = 40, steps: int = 48, seed: int = 0) -> Powe
     units, steps : int
         n and T; a step is one hour.
     seed : int
+    shut_down : float
+        Cost of stopping a unit as a share of that of starting it.
 
     Raises
     ------
     ValueError
         If a number is too small.
     """
+    if not (np.isfinite(shut_down) and shut_down >= 0):
+        raise ValueError(f"shut_down must be a finite share, not negative, got {shut_down!r}")
     for name, value in (("units", units), ("steps", steps)):
         if int(value) != value or value < 1:
             raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
@@ -259,18 +273,20 @@ def random_power_system(units: int = 40, steps: int = 48, seed: int = 0) -> Powe
     up = np.array([8, 4, 1])[kind]
     down = np.array([8, 3, 1])[kind]
     on = kind == 0
+    start_up = (np.array([9000.0, 1800.0, 120.0])[kind] * around[2]).round(2)
     return PowerSystem(
         least_mw=np.array([200.0, 50.0, 10.0])[kind],
         most_mw=most,
         fuel_per_mwh=(np.array([18.0, 32.0, 55.0])[kind] * around[0]).round(2),
         running_per_h=(np.array([900.0, 400.0, 60.0])[kind] * around[1]).round(2),
-        start_up=(np.array([9000.0, 1800.0, 120.0])[kind] * around[2]).round(2),
+        start_up=start_up,
         minimum_up=up,
         minimum_down=down,
         initial=np.where(on, up, -down),
         demand_mw=demand.round(1),
         block_mw=blocks,
         price_per_mwh=80.0,
+        shut_down=shut_down * start_up,
     )
 
 

@@ -84,6 +84,7 @@ def _made(
     up, down = rng.integers(1, 4, n), rng.integers(1, 4, n)
     start_up, idling = scale * rng.random(n), scale * rng.random(n)
     first = rng.integers(1, 4, n) * rng.choice([-1, 1], n)
-    made = UnitCommitment(start_up, up, down, idling, first)
+    shut_down = scale * rng.random(n) * rng.integers(0, 2)
+    made = UnitCommitment(start_up, up, down, idling, first, shut_down)
     lists = [[int(x) for x in part] for part in (up, down)]
-    return made, reference.commitment(benefits, start_up, *lists, idling, [int(x) for x in first])
+    return made, reference.commitment(benefits, start_up, *lists, idling, [int(x) for x in first], shut_down)

@@ -165,7 +165,9 @@ def copies(
     return Reference(T, n, m, first, step)
 
 
-def commitment(benefits: Any, start_up: Any, up: Any, down: Any, idling: Any, initial: Any) -> Reference:
+def commitment(
+    benefits: Any, start_up: Any, up: Any, down: Any, idling: Any, initial: Any, shut_down: Any
+) -> Reference:
     """Units that stay on and off for their minimum times; an order against these is not obeyed."""
     b = exact(benefits)
     T, n, m = len(b), len(b[0]), len(b[0][0])
@@ -183,6 +185,8 @@ def commitment(benefits: Any, start_up: Any, up: Any, down: Any, idling: Any, in
                 total += entry - (0 if on else Fraction(float(start_up[i])))
             elif runs:
                 total -= Fraction(float(idling[i]))
+            elif on:
+                total -= Fraction(float(shut_down[i]))
             if runs:
                 after.append(min(state[i] + 1, up[i]) if on else 1)
             else:

@@ -104,7 +104,7 @@ def _size(problem: SAP) -> Fraction:
     steps = [np.asarray(problem.benefits.dense()[k]) for k in range(problem.T)]
     most = sum(Fraction(float(np.abs(step[np.isfinite(step)]).max(initial=0.0))) for step in steps)
     dynamics, costs = problem.dynamics, []
-    for part in ("cost", "values", "start_up", "idling"):
+    for part in ("cost", "values", "start_up", "shut_down", "idling"):
         costs.append(float(np.abs(np.asarray(getattr(dynamics, part, 0.0), dtype=float)).max(initial=0.0)))
     return problem.n * (2 * most + problem.T * sum(map(Fraction, costs)))
 

@@ -14,7 +14,7 @@ from sapopt.domains.unit_commitment import PowerSystem, random_power_system
 from sapopt.solvers import HAA, HAAL, DualLookahead, Exact
 
 
-def tiny(seed: int, n: int = 2, blocks: int = 2, steps: int = 6) -> PowerSystem:
+def tiny(seed: int, n: int = 2, blocks: int = 2, steps: int = 6, stops: bool = False) -> PowerSystem:
     rng = np.random.default_rng(seed)
     most = rng.choice([50.0, 100.0, 150.0], n)
     return PowerSystem(
@@ -29,6 +29,7 @@ def tiny(seed: int, n: int = 2, blocks: int = 2, steps: int = 6) -> PowerSystem:
         demand_mw=rng.uniform(0, 220, steps),
         block_mw=rng.choice([50.0, 100.0, 120.0], blocks),
         price_per_mwh=60.0,
+        shut_down=rng.uniform(100, 1000, n) if stops else 0.0,
     )
 
 
@@ -56,6 +57,7 @@ def milp(system: PowerSystem, method: str = "HIGHS") -> float:
                 rules.append(on[k, i] == 0)
             idle_cost = system.fuel_per_mwh[i] * system.least_mw[i] + system.running_per_h[i]
             value -= idle_cost * on[k, i] + system.start_up[i] * start[k, i]
+            value -= system.shut_down[i] * stop[k, i]
             for b, size in enumerate(sizes):
                 if not 0 < size <= system.most_mw[i]:
                     rules.append(serve[k][i, b] == 0)
@@ -68,10 +70,11 @@ def milp(system: PowerSystem, method: str = "HIGHS") -> float:
     return float(programme.value)
 
 
+@pytest.mark.parametrize("stops", [False, True])
 @pytest.mark.parametrize("seed", range(5))
-def test_against_the_direct_programme(seed: int) -> None:
+def test_against_the_direct_programme(seed: int, stops: bool) -> None:
     """Brute force, the network and the programme agree; heuristics lie below, the bound above."""
-    system = tiny(seed)
+    system = tiny(seed, stops=stops)
     problem = system.problem()
     best = solve(problem, Exact(method="dp")).value
     assert milp(system) == pytest.approx(best, abs=1e-4)
@@ -117,8 +120,9 @@ def test_start_ups_scale_with_cost() -> None:
     system = tiny(3)
     free = system.problem(0.0)
     assert not free.dynamics.start_up.any()
+    assert not tiny(3, stops=True).problem(0.0).dynamics.shut_down.any()
     assert solve(free, Exact(method="dp")).value >= solve(system.problem(), Exact(method="dp")).value
-    with pytest.raises(ValueError, match="factor on the start-up costs"):
+    with pytest.raises(ValueError, match="factor on the start-up and shut-down costs"):
         system.problem(-1.0)
 
 
@@ -131,9 +135,12 @@ def test_bad_input() -> None:
         ({"block_mw": []}, "block_mw must be"),
         ({"least_mw": good.most_mw + 1.0}, "least_mw must not"),
         ({"step_h": 0.0}, "step_h must be"),
+        ({"shut_down": [1.0]}, "shut_down must have one entry"),
     ):
         with pytest.raises(ValueError, match=message):
             PowerSystem(**(options | changes))
+    with pytest.raises(ValueError, match="shut_down must be a finite share"):
+        random_power_system(4, shut_down=-1.0)
     with pytest.raises(ValueError, match="units must be"):
         random_power_system(0)
 
@@ -191,6 +198,8 @@ def test_instance_and_draw() -> None:
 
     problem = instance("unit-commitment", units=8, steps=12)
     assert (problem.T, problem.n, problem.m) == (12, 8, 24)
+    stops = instance("unit-commitment", units=8, steps=12, shut_down=0.25).dynamics
+    np.testing.assert_allclose(stops.shut_down, 0.25 * stops.start_up)
     system = random_power_system(8, 12)
     assert system.problem().fingerprint == problem.fingerprint
     ax = system.draw(solve(problem, HAA()).plan, Figure().subplots())

@@ -39,6 +39,7 @@ PARAMETERS: dict[str, dict[str, Any]] = {
     "SyntheticSwitching": {"cost": 0.3, "forfeit": 0.5, "task_of": [0, 0, 1]},
     "UnitCommitment": {
         "start_up": [0.3, 0.5], "minimum_up": [1, 2], "minimum_down": [2, 1], "idling": [0.1, 0.2], "initial": [-2, 1],
+        "shut_down": [0.2, 0.4],
     },
 }  # fmt: skip
 

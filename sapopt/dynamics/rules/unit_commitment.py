@@ -13,12 +13,13 @@ from sapopt.dynamics.rules.agent_local import AgentLocal
 
 @dataclass(frozen=True, eq=False)
 class UnitCommitment(AgentLocal):
-    """Units that are on or off, with start-up cost and minimum up and down time.
+    """Units that are on or off, with start-up and shut-down cost, and minimum up and down time (Holder 2024, 7.1.3).
 
     A task with a benefit (which may be negative) is output: a unit that takes one runs. Any other task switches the
-    unit off. A unit that starts pays its start-up cost and runs for at least `minimum_up` steps; once off it stays off
-    for at least `minimum_down` steps. Orders against that are not obeyed: a unit that has to stay on runs idle and pays
-    `idling`, one that has to stay off does so and gets nothing for its task. So every assignment is feasible.
+    unit off. A unit that starts pays its start-up cost and runs for at least `minimum_up` steps; one that stops pays
+    its shut-down cost and stays off for at least `minimum_down` steps. (One that runs to the end stops for free.)
+    Orders against that are not obeyed: a unit that has to stay on runs idle and pays `idling`, one that has to stay off
+    does so and gets nothing for its task. So every assignment is feasible.
 
     The local state is the number of steps that a unit has been on (positive) or off (negative), up to its minimum.
 
@@ -32,6 +33,8 @@ class UnitCommitment(AgentLocal):
         Cost of one step of running against the order, not negative.
     initial : array_like of int, shape (n,)
         Steps that each unit has been on (positive) or off (negative) before the first step; not 0.
+    shut_down : float or array_like, shape (n,)
+        Cost of stopping each unit, not negative.
 
     Raises
     ------
@@ -44,10 +47,13 @@ class UnitCommitment(AgentLocal):
     minimum_down: IntArray
     idling: FloatArray
     initial: IntArray
+    shut_down: FloatArray | float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("start_up", "idling"):
+        for name in ("start_up", "idling", "shut_down"):
             values = real_array(getattr(self, name), name)
+            if name == "shut_down" and values.ndim == 0:
+                values = np.full(len(self.start_up), float(values))
             if values.ndim != 1 or not np.isfinite(values).all() or (values < 0).any():
                 raise ValueError(f"{name} must be a list of finite costs, not negative")
             object.__setattr__(self, name, values)
@@ -61,7 +67,7 @@ class UnitCommitment(AgentLocal):
                 "initial must be a list of steps on (positive) or off (negative), none of them 0"
             )
         lengths = {name: len(getattr(self, name)) for name in
-                   ("start_up", "minimum_up", "minimum_down", "idling", "initial")}  # fmt: skip
+                   ("start_up", "minimum_up", "minimum_down", "idling", "initial", "shut_down")}  # fmt: skip
         if len(set(lengths.values())) > 1:
             raise ValueError(f"one entry per unit is needed everywhere, got {lengths}")
 
@@ -88,6 +94,7 @@ class UnitCommitment(AgentLocal):
         eta = np.where(ordered & locked_off, -benefit, 0.0)
         eta -= np.where(~ordered & locked_on, self.idling[agent], 0.0)
         eta -= np.where(ordered & ~on & ~locked_off, self.start_up[agent], 0.0)
+        eta -= np.where(~ordered & on & ~locked_on, np.asarray(self.shut_down)[agent], 0.0)
         runs = (ordered & ~locked_off) | (~ordered & locked_on)
         longer_on = np.where(on, np.minimum(local + 1, self.minimum_up[agent]), 1)
         longer_off = np.where(on, -1, np.maximum(local - 1, -self.minimum_down[agent]))

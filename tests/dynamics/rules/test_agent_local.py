@@ -305,7 +305,16 @@ def test_relabelling_agents_changes_nothing(make: Make) -> None:
     order = np.arange(problem.n)[::-1]
     dynamics = problem.dynamics
     changes = {}
-    for name in ("satellites_km", "home", "start_up", "minimum_up", "minimum_down", "idling", "initial"):
+    for name in (
+        "satellites_km",
+        "home",
+        "start_up",
+        "minimum_up",
+        "minimum_down",
+        "idling",
+        "initial",
+        "shut_down",
+    ):
         if hasattr(dynamics, name):
             value = getattr(dynamics, name)
             changes[name] = value[:, order] if name == "satellites_km" else value[order]
