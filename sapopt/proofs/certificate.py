@@ -14,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -23,8 +24,10 @@ from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.registry import is_own
 from sapopt.problem.sap import SAP
-from sapopt.proofs.guarantees import Guarantee, guarantee
+from sapopt.proofs.guarantees import guarantee
 from sapopt.proofs.plain import check_local_model, handover_weight, plain_bound, plain_value
+from sapopt.proofs.plain_guarantee import plain_guarantee
+from sapopt.proofs.promises import Guarantee
 
 _FORMAT = "sapopt-certificate-1"
 _ENTRIES = {"plan": Entry("iu", (None, None)), "prices": Entry("f", (None, None))}
@@ -173,7 +176,7 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
         If the plan is not feasible, the prices prove nothing, or the dynamics is user-defined and has no
         ``fingerprint``.
     """
-    proven = _proven(problem, plan, prices, solver)
+    proven = _proven(problem, plan, prices, solver, guarantee)
     spare = _SPARE * handover_weight(problem, proven.plan, proven.prices)
     return replace(
         proven,
@@ -182,26 +185,30 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
     )
 
 
-def _proven(problem: SAP, plan: IntArray, prices: FloatArray, solver: str) -> Certificate:
-    """What plan and prices prove on this machine."""
+def _proven(
+    problem: SAP, plan: IntArray, prices: FloatArray, solver: str, promise: Callable[[SAP], Guarantee]
+) -> Certificate:
+    """What plan and prices prove on this machine, and what `promise` promises."""
     try:
         value = plain_value(problem, plan)
         bound = plain_bound(problem, prices)
         if is_own(problem.dynamics):
             check_local_model(problem, np.asarray(plan))
         fingerprint = problem.fingerprint
+        promised = promise(problem)
     except ValueError as error:
         raise CertificateError(str(error)) from None
     plan = np.asarray(plan).astype(np.int64)
     mu = np.asarray(prices, dtype=np.float64)
-    return Certificate(value, bound, plan, mu, fingerprint, guarantee(problem), solver)
+    return Certificate(value, bound, plan, mu, fingerprint, promised, solver)
 
 
 def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
     """Check a certificate against a problem, from the definitions alone.
 
     Value and bound are computed anew by a plain implementation that shares no code with the solvers, each rounded to
-    the safe side, and the claims are compared with them bit by bit.
+    the safe side, and the claims are compared with them bit by bit. The guarantee is computed anew by code that shares
+    nothing with what made it.
 
     Parameters
     ----------
@@ -241,7 +248,7 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
     if not isinstance(claim.guarantee, Guarantee):
         raise CertificateError("the certificate holds no guarantee")
     value, bound = _number(claim.value, "value"), _number(claim.bound, "bound")
-    proven = _proven(problem, claim.plan, claim.prices, claim.solver)
+    proven = _proven(problem, claim.plan, claim.prices, claim.solver, plain_guarantee)
     if not value <= proven.value:
         raise CertificateError(f"the plan is worth {proven.value!r}, not the claimed {value!r}")
     if not bound >= proven.bound:

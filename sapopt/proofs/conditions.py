@@ -6,12 +6,9 @@ reach is visited, if these are few, and the definitions are read off; otherwise 
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,57 +16,7 @@ import scipy.sparse as sp
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.base import Switching
 from sapopt.problem.sap import SAP
-
-Answer = Literal["yes", "no", "unknown"]
-Distance = Callable[[Any, Any], float]
-"""``distance(s, s')``: how far two states are apart, not negative, 0 for equal ones."""
-
-_ENUMERATED = (
-    20_000  # pairs of state and assignment that are tried to decide the conditions of a user's dynamics
-)
-_CLOSE = 1e-12  # relative to the handovers: below it they count as equal
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Properties of the dynamics that the theorem is about.
-
-    Attributes
-    ----------
-    vanishing : {"yes", "no", "unknown"}
-        Repeating the last assignment never costs (definition 3.5.1: eta >= 0 there; staying may pay).
-    strict_penalty : {"yes", "no", "unknown"}
-        Of two assignments, the one that moves the state as far or farther has the same or a smaller handover value
-        (definition 3.2.2).
-    domination : float
-        The least D such that an assignment leads from any two states to states at most D apart (definition 3.2.1,
-        "assignment-dominated"); NaN where unknown. 0: the state is a function of the last assignment.
-    fair_start : {"yes", "no", "unknown"}
-        Some assignment costs nothing at the first step, as after a step before it. The proof needs it; the thesis takes
-        it for granted.
-    all_allowed : {"yes", "no"}
-        No pair is forbidden. Otherwise an agent may be unable to stay, and the theorem says nothing.
-    """
-
-    vanishing: Answer
-    strict_penalty: Answer
-    domination: float
-    fair_start: Answer
-    all_allowed: Answer
-
-    @property
-    def broken(self) -> str:
-        """What keeps the theorem from applying, in words; empty if nothing does."""
-        reasons = []
-        if self.all_allowed != "yes":
-            reasons.append("some pairs are forbidden, so that an agent may be unable to stay")
-        for answer, what in (
-            (self.vanishing, "staying is free (the handover matrix vanishes)"),
-            (self.fair_start, "some assignment is free at the first step"),
-        ):
-            if answer != "yes":
-                reasons.append(f"{'it is not so' if answer == 'no' else 'it is not known'} that {what}")
-        return "; ".join(reasons)
+from sapopt.proofs.promises import CLOSE, ENUMERATED, Answer, Conditions, Distance, hamming
 
 
 class HandoverRange(NamedTuple):
@@ -116,54 +63,6 @@ def handover_range(problem: SAP) -> HandoverRange:
     if floor is None or limit is None:
         return HandoverRange(math.nan, math.nan)
     return HandoverRange(problem.n * float(floor), problem.n * float(limit))
-
-
-def hamming(one: Any, other: Any) -> float:
-    """In how many agents two states differ: rows of arrays, entries of lists; else 1 if they differ at all."""
-    if one is None or other is None:
-        present = other if one is None else one
-        return 0.0 if present is None else _length(present)
-    parts, others = _parts(one), _parts(other)
-    if parts is None or others is None or len(parts) != len(others):
-        return float(one is not other and not _equal(one, other))
-    lengths = {len(part) for part in (*parts, *others) if np.ndim(part)}
-    if len(lengths) != 1:
-        return float(any(not _equal(a, b) for a, b in zip(parts, others, strict=True)))
-    differs = np.zeros(lengths.pop(), dtype=bool)
-    for a, b in zip(parts, others, strict=True):
-        if np.ndim(a) and np.ndim(b):
-            unequal = np.asarray(a) != np.asarray(b)
-            differs |= unequal.reshape(len(differs), -1).any(axis=1)
-        elif not _equal(a, b):
-            differs[:] = True
-    return float(differs.sum())
-
-
-def _parts(state: Any) -> list[Any] | None:
-    """A state as a list of arrays, one row an agent, and of single values."""
-    if isinstance(state, np.ndarray) and state.ndim:
-        return [state]
-    if dataclasses.is_dataclass(state):
-        return [getattr(state, item.name) for item in dataclasses.fields(state)]
-    if isinstance(state, tuple) and type(state) is not tuple:  # a named one: its parts differ in kind
-        return list(state)
-    if isinstance(state, (tuple, list)) and any(isinstance(part, np.ndarray) and part.ndim for part in state):
-        return list(state)
-    if isinstance(state, (tuple, list)):
-        array = np.empty(len(state), dtype=object)
-        array[:] = state
-        return [array]
-    return None
-
-
-def _length(state: Any) -> float:
-    parts = _parts(state)
-    lengths = [len(part) for part in parts or () if np.ndim(part)]
-    return float(max(lengths, default=1))
-
-
-def _equal(one: Any, other: Any) -> bool:
-    return bool(np.array_equal(one, other)) if np.ndim(one) or np.ndim(other) else bool(one == other)
 
 
 def _dearest_moves(problem: SAP, rule: Switching) -> float:
@@ -238,7 +137,7 @@ def _enumerated(problem: SAP, distance: Distance, allowed: Answer) -> Conditions
     """Read the definitions off every state that the problem can reach, if they are few."""
     fair = _fair_start(problem)
     unknown = Conditions("unknown", "unknown", math.nan, fair, allowed)
-    if math.perm(problem.m, problem.n) > _ENUMERATED:
+    if math.perm(problem.m, problem.n) > ENUMERATED:
         return unknown
     assignments = [np.array(x) for x in itertools.permutations(range(problem.m), problem.n)]
     key = problem.model.key
@@ -251,7 +150,7 @@ def _enumerated(problem: SAP, distance: Distance, allowed: Answer) -> Conditions
         reached: list[list[Any]] = [[] for _ in assignments]
         for state in states.values():
             tried += len(assignments)
-            if tried > _ENUMERATED:
+            if tried > ENUMERATED:
                 return unknown
             eta = problem.handover(k, state)
             worth, moved = [], []
@@ -267,7 +166,7 @@ def _enumerated(problem: SAP, distance: Distance, allowed: Answer) -> Conditions
             strict &= _falls(np.array(moved), np.array(worth), _largest(eta))
         for states_after in reached:
             tried += len(states_after) ** 2
-            if tried > _ENUMERATED:
+            if tried > ENUMERATED:
                 return unknown
             for a, b in itertools.combinations(states_after, 2):
                 domination = max(domination, float(distance(a, b)))
@@ -294,7 +193,7 @@ def _largest(eta: FloatArray) -> float:
 
 def _falls(moved: FloatArray, worth: FloatArray, size: float) -> bool:
     """Whether who moves the state as far or farther is worth the same or less; `size` is that of the handovers."""
-    slack = _CLOSE * size
+    slack = CLOSE * size
     for distance in np.unique(moved):
         if worth[moved >= distance].max() > worth[moved <= distance].min() + slack:
             return False

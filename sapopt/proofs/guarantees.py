@@ -16,122 +16,15 @@ something where B = 0.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.benefits import dense_step
 from sapopt.problem.sap import SAP
-from sapopt.proofs.conditions import Conditions, conditions, handover_range
-
-_NUMBERS = ("least_benefit", "least_benefit_by_entry", "handover_size", "c", "ratio", "refined_ratio")
-
-
-@runtime_checkable
-class Guaranteed(Protocol):
-    """A solver that says whether the theorem is about it, with the options that it has."""
-
-    @property
-    def keeps_guarantee(self) -> bool:
-        """Whether its plans are worth at least what a `Guarantee` promises."""
-
-
-@dataclass(frozen=True)
-class Guarantee:
-    """A-priori guarantees of a problem.
-
-    Attributes
-    ----------
-    least_benefit : float
-        B, the least value of an assignment at any step, handovers left out.
-    least_benefit_by_entry : float
-        n times the smallest benefit; at most `least_benefit`, and cheaper. (Footnote 3 takes the smallest benefit
-        itself, which is smaller still wherever B is not negative.)
-    handover_size : float
-        ``|H|``, the greatest less the least handover value of an assignment; NaN where the dynamics does not say.
-    c : float
-        The greatest c with ``least_benefit >= c * handover_size``; infinite if handovers cost nothing, NaN where
-        unknown or negative.
-    ratio : float
-        ``c / (1 + c)``; 0 where nothing is promised.
-    refined_ratio : float
-        ``sum_k max(m_k, M_k + h) / sum_k (M_k + h')`` with the handover values between h and h'; 0 where nothing is
-        promised.
-    conditions : Conditions
-    """
-
-    least_benefit: float
-    least_benefit_by_entry: float
-    handover_size: float
-    c: float
-    ratio: float
-    refined_ratio: float
-    conditions: Conditions
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Guarantee:
-        """Undo `dataclasses.asdict`.
-
-        Raises
-        ------
-        TypeError, KeyError
-            If the values are not of the kinds that a guarantee has.
-        """
-        for name in _NUMBERS:
-            if isinstance(values[name], bool) or not isinstance(values[name], (int, float)):
-                raise TypeError(f"{name} is no number")
-            if isinstance(values[name], int) and abs(values[name]) > 2**53:
-                raise TypeError(f"{name} is no float64")
-        return cls(**{**values, "conditions": Conditions(**values["conditions"])})
-
-    def excess(self, other: Guarantee) -> str:
-        """What this promises beyond another guarantee, by name and the other's number; empty if nothing.
-
-        The numbers are sums over a step in an order that depends on the machine, so a share of 1e-12 may differ.
-        """
-        for name in _NUMBERS:
-            mine, theirs = float(getattr(self, name)), float(getattr(other, name))
-            if math.isnan(mine) or mine == theirs:
-                if math.isnan(mine) != math.isnan(theirs):
-                    return f"{name} of {theirs!r}"
-                continue
-            near = math.isclose(mine, theirs, rel_tol=1e-12, abs_tol=0.0)
-            if not near and not (mine > theirs if name == "handover_size" else mine < theirs):
-                return f"{name} of {theirs!r}"
-        return "" if repr(self.conditions) == repr(other.conditions) else "set of conditions that differs"
-
-    @property
-    def applies(self) -> bool:
-        """Whether theorem 3.5.1 is known to apply: c > 0, and its conditions hold."""
-        return not self.conditions.broken and self.c > 0
-
-    @property
-    def statement(self) -> str:
-        """What is promised, and for which algorithms."""
-        if self.refined_ratio <= 0:
-            why = self.conditions.broken or "handovers may cost more than all benefits are worth"
-            if not self.handover_size >= 0:
-                why = "the dynamics does not say how much handovers can cost (handover_limit, handover_floor)"
-            return f"Nothing is promised a priori: {self.conditions.broken or why}."
-        who = "HAA, HAAL with lookahead 1 or 2, and HAAL with keep_plan=True reach at least"
-        theorem = (
-            f"theorem 3.5.1, c = {self.c:.4g}" if self.applies else "theorem 3.5.1 says nothing, for c is 0"
-        )
-        if not self.applies:
-            return f"{who} {100 * self.refined_ratio:.4g} % of the optimum (the refined ratio; {theorem})."
-        return (
-            f"{who} {100 * self.ratio:.4g} % of the optimum ({theorem}; refined: "
-            f"{100 * self.refined_ratio:.4g} %). HAAL with lookahead 3 or more is promised nothing."
-        )
-
-    def covers(self, solver: Any) -> bool:
-        """Whether the ratios are promised for a solver: HAA, HAAL with lookahead at most 2 or ``keep_plan=True``.
-
-        A solver says so itself (`Guaranteed`).
-        """
-        return not self.conditions.broken and isinstance(solver, Guaranteed) and solver.keeps_guarantee
+from sapopt.proofs.conditions import conditions, handover_range
+from sapopt.proofs.promises import Guarantee
 
 
 def guarantee(problem: SAP) -> Guarantee:

@@ -13,7 +13,8 @@ from own_conditions import Tired
 
 from sapopt import SAP, SwitchingCost
 from sapopt.dynamics import Battery, Dictator
-from sapopt.proofs.conditions import conditions, hamming, handover_range
+from sapopt.proofs.conditions import conditions, handover_range
+from sapopt.proofs.promises import hamming
 
 
 def assignments(problem: SAP) -> list[np.ndarray]:
