@@ -200,10 +200,11 @@ class Model(ABC):
         """Whether a step has terms that depend on the whole assignment, and that no matrix holds."""
         return False
 
-    def interaction(self, k: int, assignments: IntArray) -> FloatArray:
-        """What every agent gains by the whole assignment at step k, beyond the matrix.
+    def interaction(self, k: int, state: Any, assignments: IntArray) -> FloatArray:
+        """What every agent gains in a state by the whole assignment at step k, beyond the matrix.
 
-        `assignments` has shape (..., n), and so has the answer. A part of the rule: plans are scored with it.
+        With it benefits are the general beta_hat(s, x) of Holder (2024), section 7.2. `assignments` has shape (..., n),
+        and so has the answer. A part of the rule: plans are scored with it.
         """
         return np.zeros(np.shape(assignments))
 
@@ -226,7 +227,7 @@ class Model(ABC):
     def handover_at(self, k: int, state: Any, assignment: IntArray) -> FloatArray:
         """Handover and interaction of every agent under an assignment, shape ``(n,)``."""
         eta = np.asarray(self.handover(k, state)[np.arange(len(assignment)), assignment])
-        return eta + self.interaction(k, assignment) if self.interacts else eta
+        return eta + self.interaction(k, state, assignment) if self.interacts else eta
 
     def interval(self, windows: WindowSums, start: int, stop: int, state: Any) -> Matrix:
         """Benefit of holding one assignment over ``start .. stop - 1``; the window sum plus the handover at `start`.
@@ -240,16 +241,16 @@ class Model(ABC):
         """What makes two states equal, so that equal ones are solved once; by default their contents."""
         return frozen(state)
 
-    def marginal(self, k: int, activity: FloatArray) -> FloatArray:
+    def marginal(self, k: int, state: Any, activity: FloatArray) -> FloatArray:
         """Interaction (n, m) of every pair if the other agents serve task j with ``activity[i, j]`` together.
 
         The sum over the pairs of an assignment counts every interaction twice, as a linearisation must.
         """
         raise ValueError(
-            f"dynamics: {self!r} has no method marginal(k, activity) that tells of its interaction"
+            f"dynamics: {self!r} has no method marginal(k, state, activity) that tells of its interaction"
         )
 
-    def serves(self, k: int, assignment: IntArray) -> np.ndarray:
+    def serves(self, k: int, state: Any, assignment: IntArray) -> np.ndarray:
         """Whether every agent counts as active on the task it holds at step k, shape ``(n,)``."""
         return np.ones(len(assignment), dtype=bool)
 

@@ -76,7 +76,7 @@ def _terms(problem: SAP, tasks: IntArray) -> FloatArray:
         terms[0, k] = dense_step(problem.benefits.step(k))[agents, tasks[k]]
         terms[1, k] = problem.handover(k, state)[agents, tasks[k]]
         if model.interacts:
-            terms[2, k] = model.interaction(k, tasks[k])
+            terms[2, k] = model.interaction(k, state, tasks[k])
         if not np.isfinite(terms[:, k]).all():
             break
         state = problem.transition(k, state, tasks[k].astype(np.int64))

@@ -68,21 +68,21 @@ class IteratedAssignment:
         """Iterate on the current step."""
         matrix = checked_matrix(self.generator(outlook))
         alone: FloatArray = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix
-        model, k = outlook.model, outlook.k
+        model, k, state = outlook.model, outlook.k, outlook.state
         agents = np.arange(outlook.problem.n)
         mean = np.zeros(alone.shape)
         best, top = np.empty(0, dtype=np.int64), -np.inf
         answer = outlook.assign(matrix)
         for turn in range(self.iterations):
             outlook.check()  # an assignment problem of many agents takes a good part of a second
-            value = float(alone[agents, answer].sum() + model.interaction(k, answer).sum())
+            value = float(alone[agents, answer].sum() + model.interaction(k, state, answer).sum())
             if value > top:
                 best, top = answer, value
             pure = np.zeros(alone.shape)
-            pure[agents, answer] = model.serves(k, answer)
+            pure[agents, answer] = model.serves(k, state, answer)
             keep = self.damping if turn else 0.0
             mean = keep * mean + (1.0 - keep) * pure
-            reply = outlook.assign(alone + model.marginal(k, mean.sum(axis=0) - mean))
+            reply = outlook.assign(alone + model.marginal(k, state, mean.sum(axis=0) - mean))
             if np.array_equal(reply, answer) and np.array_equal(mean, pure):
                 break
             answer = reply

@@ -13,5 +13,5 @@ def test_size_of_a_dynamics() -> None:
     codes = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
     bodies = [re.search(r"^class .*?(?=^\S)", code, flags=re.DOTALL | re.MULTILINE) for code in codes]
     lengths = [len([line for line in body.group().splitlines() if line.strip()]) for body in bodies if body]
-    assert len(lengths) == 5
+    assert len(lengths) == 6
     assert max(lengths) <= 20

@@ -223,7 +223,7 @@ def test_a_misspelt_limit_of_the_object_is_named() -> None:
 class Meeting(Plain):
     """Two agents earn more together than apart; no matrix says so, and no ``handover_at``."""
 
-    def interaction(self, k: int, assignments: np.ndarray) -> np.ndarray:
+    def interaction(self, k: int, state: Any, assignments: np.ndarray) -> np.ndarray:
         near = np.abs(np.diff(assignments, axis=-1)) == 1
         return np.broadcast_to(np.where(near, 1.0, 0.0), np.shape(assignments)).copy()
 

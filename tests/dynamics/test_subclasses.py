@@ -126,7 +126,7 @@ class Truth:
         total = 0.0
         for k, state in enumerate(self.states(plan)[:-1]):
             total += self.hat(k, state)[np.arange(N), plan[k]].sum()
-            total += np.sum(self.rule.interaction(k, plan[k]))
+            total += np.sum(self.rule.interaction(k, state, plan[k]))
         return float(total)
 
 

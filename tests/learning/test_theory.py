@@ -5,13 +5,18 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from sapopt.learning.learner import traced
+from sapopt import SAP
+from sapopt.learning import TrainOptions
+from sapopt.learning.global_observation import GlobalSpec
+from sapopt.learning.learner import Learner, traced
+from sapopt.solvers import AssignmentPolicy, myopic
 
 
 @dataclass(frozen=True)
@@ -145,6 +150,46 @@ def test_a_lie_pays_in_alpha_until_training_corrects_it() -> None:
     assert plays[0] == (1, 0)
     assert plays[-30:] == [(0, 1)] * 30
     assert truth[1, 0] < said[1, 0] < 3.0  # exactly as far as it takes to lose the task
+
+
+class Still:
+    """One state for ever, and no handovers."""
+
+    def initial_state(self, problem: Any) -> int:
+        return 0
+
+    def handover(self, k: int, state: int) -> np.ndarray:
+        return np.zeros((2, 2))
+
+    def transition(self, k: int, state: int, assignment: np.ndarray) -> int:
+        return 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_reda_unlearns_a_lie(seed: int) -> None:
+    """The same with `Learner`, Algorithm 4 itself: agent 1's network is made to overstate task 0 by 5. It gets the task
+    at first, and earns more by the lie; trained on, its value falls to what it earns, and all earn most again. (Where
+    nothing is explored this need not be: what one agent unlearns moves the others' values too, for they share weights,
+    and a task that nobody tries is not learned anew.)"""
+    truth = np.array([[2.0, 0.0], [1.9, 1.0]])
+    spec = GlobalSpec(1, 2, 2, 0)
+    options = TrainOptions.thesis(
+        episodes=60, hidden=(), learning_rate=0.05, discount=0.0, explore=0.5, memory=3, seed=seed, spec=spec
+    )
+    learner = Learner(lambda _: SAP(np.tile(truth, (5, 1, 1)), Still()), AssignmentPolicy(myopic), options)
+    told = truth.copy()
+    told[1, 0] += 5.0
+    with torch.no_grad():  # a linear network: state, agent 0, agent 1 -> task 0, task 1, any other
+        learner.online.layers[0].weight.zero_()
+        learner.online.layers[0].bias.zero_()
+        learner.online.layers[0].weight[:2, 1:] = torch.from_numpy(told.T.astype(np.float32))
+    assert learner.evaluate() == pytest.approx(5 * 1.9)
+    values = [learner.play_and_learn()["value"] for _ in range(options.episodes)]
+    assert values[-10:] == [pytest.approx(15.0)] * 10
+    said = learner.online.values(np.eye(3, dtype=np.float32)[1:] + np.eye(3, dtype=np.float32)[:1])
+    assert (
+        said[1, 0] - truth[1, 0] < 1.2
+    )  # as far as it takes to lose the task, not to 0: who is beaten learns no more
 
 
 def test_traces_end_in_the_return() -> None:

@@ -110,7 +110,7 @@ class Interference(Model):
 
     def handover_at(self, k: int, state: Held, assignment: IntArray) -> FloatArray:
         """Switching cost and half the losses of its pairs for every agent under an assignment, shape ``(n,)``."""
-        return self._switching.handover_at(k, state, assignment) + self.interaction(k, assignment)
+        return self._switching.handover_at(k, state, assignment) + self.interaction(k, state, assignment)
 
     def interval(self, windows: WindowSums, start: int, stop: int, state: Held) -> Matrix:
         """Interval matrix of the switching cost, without the interference."""
@@ -121,7 +121,7 @@ class Interference(Model):
         """Always."""
         return True
 
-    def interaction(self, k: int, assignments: IntArray) -> FloatArray:
+    def interaction(self, k: int, state: Held, assignments: IntArray) -> FloatArray:
         """Minus half the losses of every agent's task, shape of `assignments` (..., n)."""
         rows = np.asarray(assignments).reshape(-1, np.shape(assignments)[-1])
         out = np.empty(rows.shape)
@@ -138,13 +138,13 @@ class Interference(Model):
             out[first : first + size] = -0.5 * np.where(serves, share, 0.0)
         return out.reshape(np.shape(assignments)) + 0.0
 
-    def marginal(self, k: int, activity: FloatArray) -> FloatArray:
+    def marginal(self, k: int, state: Held, activity: FloatArray) -> FloatArray:
         """Minus the losses (n, m) that a pair meets if the others serve the tasks with `activity` (n, m)."""
         useful = self._useful(k)
         disturbed = np.asarray((self._losses(useful.shape[1]) @ activity.T).T)
         return np.where(useful, -disturbed, 0.0)
 
-    def serves(self, k: int, assignment: IntArray) -> np.ndarray:
+    def serves(self, k: int, state: Held, assignment: IntArray) -> np.ndarray:
         """Whether every agent serves the task it holds at step k, shape ``(n,)``."""
         return np.asarray(self._useful(k)[np.arange(len(assignment)), assignment])
 

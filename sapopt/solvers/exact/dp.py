@@ -78,7 +78,7 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
             allowed |= np.isfinite(hat)
             worth = hat[agents, rows].sum(axis=1)
             if problem.model.interacts:  # terms that no matrix holds
-                worth += problem.model.interaction(k, rows).sum(axis=1)
+                worth += problem.model.interaction(k, state, rows).sum(axis=1)
             for r in np.flatnonzero(worth > -np.inf):
                 following = problem.transition(k, state, rows[r])
                 key = problem.model.key(following)

@@ -131,14 +131,15 @@ def test_marginal_is_the_change_of_one_agent(case: Case) -> None:
     n, m = case.benefits.shape[1:]
     row = np.arange(n)
     active = np.zeros((n, m))
-    active[np.arange(n), row] = problem.model.serves(0, row)
-    marginal = problem.model.marginal(0, active.sum(axis=0) - active)
-    total = problem.model.interaction(0, row).sum()
+    state = problem.initial_state()
+    active[np.arange(n), row] = problem.model.serves(0, state, row)
+    marginal = problem.model.marginal(0, state, active.sum(axis=0) - active)
+    total = problem.model.interaction(0, state, row).sum()
     for i in range(n):
         for j in set(range(m)) - set(row.tolist()):
             other = row.copy()
             other[i] = j
-            change = problem.model.interaction(0, other).sum() - total
+            change = problem.model.interaction(0, state, other).sum() - total
             assert change == pytest.approx(marginal[i, j] - marginal[i, row[i]])
 
 
