@@ -32,7 +32,7 @@ class TrainFlags:
         Literal["alpha", "self"],
         typer.Option(help="Who chooses: alpha of the values (REDA), or agents (IQL)."),
     ] = "alpha"
-    episodes: Annotated[int, typer.Option(help="Episodes to play.")] = 400
+    episodes: Annotated[int | None, typer.Option(help=f"Episodes to play. {_PRE}")] = None
     gradient_steps: Annotated[
         int | None, typer.Option(help=f"Gradient steps after an episode (or step). {_PRE}")
     ] = None
@@ -61,9 +61,12 @@ class TrainFlags:
         str | None,
         typer.Option(help="Sizes of the hidden layers, as 64,64; none: values linear in what is seen."),
     ] = None
-    evaluate_every: Annotated[int, typer.Option(help="Episodes between evaluations.")] = 20
+    per_task: Annotated[
+        bool | None, typer.Option(help=f"One function values every task (observation of the thesis). {_PRE}")
+    ] = None
+    evaluate_every: Annotated[int | None, typer.Option(help=f"Episodes between evaluations. {_PRE}")] = None
     evaluations: Annotated[int, typer.Option(help="Fresh episodes in every evaluation.")] = 2
-    checkpoint_every: Annotated[int, typer.Option(help="Episodes between checkpoints.")] = 20
+    checkpoint_every: Annotated[int | None, typer.Option(help=f"Episodes between checkpoints. {_PRE}")] = None
     threads: Annotated[
         int, typer.Option(min=1, help="Threads of torch; 1 gives the same weights anywhere.")
     ] = 1
@@ -85,8 +88,11 @@ def train_reda(
         ),
     ] = Path("reda"),
     preset: Annotated[
-        Literal["default", "thesis"],
-        typer.Option(help="Options to start from: the library's, or those of Algorithm 4 of the thesis."),
+        Literal["default", "thesis", "per-task"],
+        typer.Option(
+            help="Options to start from: the library's, those of Algorithm 4 of the thesis, or those with one "
+            "function that values every task."
+        ),
     ] = "default",
     observation: Annotated[
         Literal["auto", "published", "thesis"],
@@ -94,7 +100,10 @@ def train_reda(
             help="What agents see: as in the published code, or as in the thesis; auto: by the preset."
         ),
     ] = "auto",
-    see: Annotated[int, typer.Option(min=1, help="Steps whose benefits agents see.")] = 3,
+    see: Annotated[
+        int | None,
+        typer.Option(min=1, help="Steps whose benefits agents see; default 3, with the preset per-task 5."),
+    ] = None,
     flags: TrainFlags,
     guide: Annotated[
         str, typer.Option(help=f"Policy that guides exploration: {', '.join(GUIDES)}.")
@@ -120,14 +129,19 @@ def train_reda(
     first = build(instance, flags.seed)
     has_charge = first.model.charge_of(first.initial_state()) is not None
     if guide == "auto":
-        guide = "power_constrained" if has_charge and preset == "default" else "myopic"
+        guide = "power_constrained" if has_charge and preset != "thesis" else "myopic"
     given = {name: value for name, value in asdict(flags).items() if value is not None}
     if flags.hidden is not None:
         given["hidden"] = _sizes(flags.hidden)
-    by_text = observation == "thesis" or (observation == "auto" and preset == "thesis")
+    by_text = observation == "thesis" or (observation == "auto" and preset != "default")
     seen: Any = learning.ThesisObservation if by_text else learning.ObservationSpec
-    make = learning.TrainOptions.thesis if preset == "thesis" else learning.TrainOptions
-    options = make(spec=seen(steps=see, charge=has_charge), **given)
+    options_of: Any = {
+        "default": learning.TrainOptions,
+        "thesis": learning.TrainOptions.thesis,
+        "per-task": learning.TrainOptions.per_task_values,
+    }
+    steps = see or (5 if preset == "per-task" else 3)
+    options = options_of[preset](spec=seen(steps=steps, charge=has_charge), **given)
     policy = solvers.AssignmentPolicy(getattr(solvers, guide))
     with Reporter() as reporter, work.watched(f"training REDA on {instance}", reporter) as (phase, callback):
         run = Run(time_limit=time_limit, callback=callback)

@@ -104,7 +104,7 @@ def load_checkpoint(path: Path, run: dict[str, Any], like: Checkpoint) -> Checkp
     try:
         for name in ("online", "target", "best"):
             model: Network = getattr(like, name)
-            networks[name] = Network(model.spec, model.hidden, model.outputs)
+            networks[name] = Network(model.spec, model.hidden, model.outputs, model.per_task)
             prefix = f"{name}."
             networks[name].load_state_dict(
                 {key.removeprefix(prefix): v for key, v in tensors.items() if key.startswith(prefix)}

@@ -37,9 +37,10 @@ class Learner:
         self.shared = options.choose == "self"
         self.decide = own_choice if self.shared else assigned
         self.rng = np.random.default_rng([options.seed, 0])
-        self.online = new_network(options.spec, options.seed, options.hidden)
-        self.target = new_network(options.spec, options.seed, options.hidden)
-        self.best = new_network(options.spec, options.seed, options.hidden)
+        self.online, self.target, self.best = (
+            new_network(options.spec, options.seed, options.hidden, per_task=options.per_task)
+            for _ in range(3)
+        )
         self.best_value = -np.inf
         self.adam = torch.optim.Adam(self.online.parameters(), lr=options.learning_rate)
         self.replay = Replay(options.memory, options.spec)

@@ -76,8 +76,9 @@ def _train(problems: Problems, guide: Policy, options: TrainOptions, folder: Pat
     path = folder / "checkpoint.safetensors"
     learner = Learner(problems, guide, options)
     about = asdict(options) | {"guide": guide.name, "chance": repr(options.chance)}
-    if options.chance is None:  # checkpoints from before there was such an option go on
-        del about["chance"]
+    for name in ("chance", "per_task"):  # checkpoints from before there was such an option go on
+        if not getattr(options, name):
+            del about[name]
     if path.exists():
         learner.restore(load_checkpoint(path, about, learner.checkpoint()))
     with TrainingLog(folder, learner.episode) as record:

@@ -73,8 +73,9 @@ def test_training_command(tmp_path: Path) -> None:
     assert not (tmp_path / "other").exists()
 
 
-def test_command_takes_the_thesis_preset(tmp_path: Path) -> None:
-    """`--preset thesis` trains by Algorithm 4 with the observation of 6.2.2; what is given besides wins."""
+def test_command_takes_presets(tmp_path: Path) -> None:
+    """`--preset thesis` trains by Algorithm 4 with the observation of 6.2.2, `--preset per-task` one function for all
+    tasks; what is given besides wins."""
     pytest.importorskip("torch")
     from typer.testing import CliRunner
 
@@ -90,6 +91,13 @@ def test_command_takes_the_thesis_preset(tmp_path: Path) -> None:
     used = reda.about["options"]
     assert (used["after"], used["noise"], used["perturb"], used["stretches"]) == ("step", 2.0, "pairs", 2)
     assert reda.about["guide"] == "myopic"
+    words = "train reda constellation-toy --preset per-task --hidden 8,8 --gradient-steps 1 --episodes 1"
+    done = CliRunner().invoke(app, [*words.split(), "--evaluations", "1", "--out", str(tmp_path / "task")])
+    assert done.exit_code == 0, done.output
+    reda = REDA.load(tmp_path / "task" / "weights.safetensors")
+    assert reda.network.spec == ThesisObservation(steps=5, charge=False)
+    assert reda.network.per_task
+    assert reda.about["options"]["discount"] == 0.7
     bad = CliRunner().invoke(
         app, ["train", "reda", "power", "--hidden", "x", "--out", str(tmp_path / "other")]
     )

@@ -30,6 +30,10 @@ THESIS = TrainOptions.thesis(
     episodes=4, stretches=2, memory=3, target_every=10, hidden=(8, 8), evaluate_every=2, evaluations=1,
     checkpoint_every=1, spec=ThesisObservation(6, 4, 2, charge=False),
 )  # fmt: skip
+PER_TASK = TrainOptions.per_task_values(
+    episodes=4, gradient_steps=3, stretch=3, memory=3, hidden=(8, 8), evaluate_every=2, evaluations=1,
+    checkpoint_every=1, spec=ThesisObservation(6, 4, 2, charge=False),
+)  # fmt: skip
 GUIDE = AssignmentPolicy(myopic)
 
 
@@ -52,7 +56,9 @@ def weights(training: Training) -> list[np.ndarray]:
 CHANCE = replace(OPTIONS, spec=ObservationSpec(6, 4, 2), chance=Failures(0.1))
 
 
-@pytest.mark.parametrize("options", [OPTIONS, THESIS, CHANCE], ids=["default", "thesis", "chance"])
+@pytest.mark.parametrize(
+    "options", [OPTIONS, THESIS, PER_TASK, CHANCE], ids=["default", "thesis", "per task", "chance"]
+)
 def test_seeds_repeat_and_a_kill_changes_nothing(options: TrainOptions, tmp_path: Path) -> None:
     """The same seed gives the same weights bit for bit, killed and resumed or not; another seed gives others."""
     made = on_batteries if options.chance else problems
