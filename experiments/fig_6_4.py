@@ -2,8 +2,7 @@
 
     python -m experiments.fig_6_4 [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
 
-REDA's weights are the two sets that ship: of the published code's observation, and of the thesis' with one function
-that values every task. The others are drawn if their weights are given (`fig_6_3.py` leaves them, or `sapopt train`).
+REDA's weights are those that ship; the others are drawn if their weights are given (`fig_6_3.py` leaves them).
 `--rollouts` adds rollouts of REDA, which take far longer: what HAAL or the energy price would do now, played on by
 REDA to the end.
 """
@@ -49,7 +48,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         "power-constrained greedy": by_generator(power_constrained),
         "energy price": by_generator(energy_price),
         "REDA": by_generator(REDA.load("power")),
-        "REDA, thesis' observation": by_generator(REDA.load("power-thesis")),
     }
     if run.options.iql:
         players["IQL"] = by_iql(network_of(run.options.iql))

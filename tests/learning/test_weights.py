@@ -8,8 +8,8 @@ pytest.importorskip("torch")
 
 from sapopt import solve
 from sapopt.domains.instances import instance
-from sapopt.learning import REDA, ObservationSpec
-from sapopt.solvers import AssignmentPolicy, power_constrained
+from sapopt.learning import REDA, ObservationSpec, ThesisObservation
+from sapopt.solvers import HAAL, AssignmentPolicy, power_constrained
 
 
 def test_power_weights() -> None:
@@ -21,6 +21,16 @@ def test_power_weights() -> None:
     problem = instance("power", 77, steps=60)
     learned, greedy = (solve(problem, AssignmentPolicy(g)).value for g in (reda, power_constrained))
     assert learned > 1.2 * greedy
+
+
+def test_earth_coverage_weights() -> None:
+    """Observation of the thesis, one function for all tasks, more than HAAL on an episode that was not trained on."""
+    reda = REDA.load("earth-coverage-thesis")
+    assert reda.network.spec == ThesisObservation(steps=5, charge=False)
+    assert reda.network.per_task
+    assert reda.about["command"].startswith("sapopt train reda earth-coverage-thesis --preset per-task")
+    problem = instance("earth-coverage-thesis", 77_000_000, steps=30)
+    assert solve(problem, AssignmentPolicy(reda)).value > solve(problem, HAAL(3)).value
 
 
 def test_other_sizes_need_no_training() -> None:
