@@ -35,7 +35,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sapopt.cli.show import environment
-from sapopt.data.files import write_text
+from sapopt.data.files import write_figure, write_text
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Run:
     def write_figure(self, figure: Figure, name: str | None = None, dpi: int = 150) -> Path:
         """Write a figure as PNG beside the report."""
         path = self.out / f"{name or self.name}.png"
-        figure.savefig(path, dpi=dpi)
+        write_figure(path, figure, dpi)
         print(f"wrote {path}")
         return path
 

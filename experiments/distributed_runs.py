@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sapopt import SAP
+from sapopt.data.files import write_text
 from sapopt.domains.instances import scenario
 from sapopt.running.outlook import rollout
 from sapopt.solvers import CBBA, HAAL, HAALD, DistributedDualLookahead, Greedy, NoHandover
@@ -123,7 +124,7 @@ def read(path: Path) -> list[Run]:
 def write(path: Path, runs: list[Run]) -> None:
     """Keep runs in a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps([asdict(one) for one in runs], indent=1))
+    write_text(path, json.dumps([asdict(one) for one in runs], indent=1))
 
 
 def curve(runs: list[Run], method: str, what: str) -> tuple[list[int], np.ndarray]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from experiments import common
 from sapopt import solve
+from sapopt.data.files import write_text
 from sapopt.domains.instances import instance
 from sapopt.solvers import AssignmentPolicy, DualDecomposition, energy_price, power_constrained
 from sapopt.solvers.names import parse_solver
@@ -79,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             if any((r["method"], r["seed"], r["steps"]) == (method, seed, steps) for r in runs):
                 continue
             runs.append(measure(method, seed, steps, options.limit))
-            path.write_text(json.dumps(runs, indent=1))
+            write_text(path, json.dumps(runs, indent=1))
             one = runs[-1]
             gap = "" if one["gap"] is None else f"  gap {100 * one['gap']:.3f} %"
             run.say(

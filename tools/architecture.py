@@ -12,6 +12,8 @@ from __future__ import annotations
 from pathlib import Path
 from xml.sax.saxutils import escape
 
+from sapopt.data.files import write_text
+
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "images" / "architecture.svg"
 
 LAYERS = (
@@ -116,5 +118,5 @@ def text(x: float, y: float, kind: str, words: str) -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(drawing(), encoding="utf-8")
+    write_text(TARGET, drawing())
     print(f"wrote {TARGET}")

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sapopt.data.files import write_text
+
 TOLERANCE_DEG = 0.12
 LEAST_AREA_DEG2 = 0.12
 UNIT_DEG = 0.05
@@ -45,7 +47,7 @@ def main() -> None:
         + ', "rings": [\n'
         + ",\n".join(json.dumps(r, separators=(",", ":")) for r in rings)
     )
-    target.write_text(text + "\n]}\n", encoding="utf-8")
+    write_text(target, text + "\n]}\n")
     print(f"{len(rings)} rings, {sum(map(len, rings)) // 2} points, {target.stat().st_size} bytes")
 
 

@@ -15,6 +15,8 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw
 
+from sapopt.data.files import replacing
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from webdriver import Browser
 
@@ -37,9 +39,9 @@ def main() -> None:
             )
             time.sleep(0.5)
             browser.screenshot(phone)
-        composed(Image.open(desk).convert("RGB"), Image.open(phone).convert("RGB")).save(
-            target, optimize=True
-        )
+        picture = composed(Image.open(desk).convert("RGB"), Image.open(phone).convert("RGB"))
+        with replacing(target) as file:
+            picture.save(file, format="PNG", optimize=True)
 
 
 def shown(browser: Browser, page: Path) -> None:

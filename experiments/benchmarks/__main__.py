@@ -20,6 +20,7 @@ from typing import Any
 
 from experiments import common
 from experiments.benchmarks import report
+from sapopt.data.files import write_figure, write_text
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -132,10 +133,10 @@ def main() -> None:
     figure = report.picture(result)
     run.write_figure(figure)
     page = report.page(result)
-    (run.out / "benchmarks.md").write_text(page, encoding="utf-8")
+    write_text(run.out / "benchmarks.md", page)
     if run.options.docs:
-        (ROOT / "docs" / "benchmark_results.md").write_text(page, encoding="utf-8")
-        figure.savefig(ROOT / "docs" / "images" / "benchmarks.png", dpi=110)
+        write_text(ROOT / "docs" / "benchmark_results.md", page)
+        write_figure(ROOT / "docs" / "images" / "benchmarks.png", figure, 110)
 
 
 if __name__ == "__main__":

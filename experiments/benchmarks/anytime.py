@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from sapopt import SAP, bound, solve
+from sapopt.data.files import write_text
 from sapopt.domains.instances import scenario
 from sapopt.running.outlook import Policy
 from sapopt.solvers import (
@@ -104,7 +105,7 @@ def main(show: Callable[[str], None] = print) -> None:
     late = [row for row in rows if row["over"] > ALLOWED]
     show(f"{len(late)} of {len(rows)} runs more than 10 % late")
     if options.out:
-        options.out.write_text(json.dumps({"seed": options.seed, "rows": rows}, indent=1) + "\n")
+        write_text(options.out, json.dumps({"seed": options.seed, "rows": rows}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from sapopt import SAP, SwitchingCost, solve
+from sapopt.data.files import write_text
 from sapopt.formulations import network
 from sapopt.formulations.highs import maximise
 from sapopt.solvers.exact import Exact
@@ -60,7 +61,7 @@ def main() -> None:
                 print(f"{size:10} {name:12} {row['status']}")
     report = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count(), "rows": rows}
     if options.out:
-        options.out.write_text(json.dumps(report, indent=1) + "\n")
+        write_text(options.out, json.dumps(report, indent=1) + "\n")
 
 
 def warm_up() -> None:

@@ -22,6 +22,7 @@ import numpy as np
 
 from experiments.benchmarks.plain import plain_step
 from sapopt import SAP
+from sapopt.data.files import write_text
 from sapopt.data.windows import WindowSums
 from sapopt.domains.instances import instance
 from sapopt.running.outlook import Outlook
@@ -50,8 +51,7 @@ def main() -> None:
               "lookahead": options.lookahead, "seed": options.seed, "rows": rows}  # fmt: skip
     print(json.dumps(report, indent=1))
     if options.out:
-        with open(options.out, "w") as file:
-            json.dump(report, file, indent=1)
+        write_text(options.out, json.dumps(report, indent=1) + "\n")
 
 
 def compare(size: str, options: argparse.Namespace) -> dict[str, object]:

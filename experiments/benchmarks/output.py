@@ -6,8 +6,9 @@ import json
 import os
 import platform
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
+
+from sapopt.data.files import write_text
 
 
 def finish(figures: Mapping[str, Any], out: str | None) -> None:
@@ -19,4 +20,4 @@ def finish(figures: Mapping[str, Any], out: str | None) -> None:
     text = json.dumps(machine | dict(figures), indent=1)
     print(text)
     if out:
-        Path(out).write_text(text + "\n", encoding="utf-8")
+        write_text(out, text + "\n")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sapopt.data.files import replacing, write_text
+from sapopt.data.files import write_figure, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,8 +89,7 @@ class Output:
     def png(self, name: str, figure: Figure) -> None:
         """Write a figure."""
         if (path := self._path(name)) is not None:
-            with replacing(path) as file:
-                figure.savefig(file, format="png", dpi=150)
+            write_figure(path, figure)
 
     def _path(self, name: str) -> Path | None:
         if self.folder is None:

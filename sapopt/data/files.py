@@ -20,9 +20,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _HEADER_BYTES = 256 * 2**20
 """Most bytes of a file's header with its plain values (four a letter); a trace of 100 000 steps takes a tenth."""
@@ -67,6 +70,12 @@ def write_text(path: str | Path, text: str) -> None:
     """Write a text in UTF-8, all or nothing."""
     with replacing(path) as file:
         file.write(text.encode("utf-8"))
+
+
+def write_figure(path: str | Path, figure: Figure, dpi: float = 150) -> None:
+    """Write a figure of matplotlib as PNG, all or nothing."""
+    with replacing(path) as file:
+        figure.savefig(file, format="png", dpi=dpi)
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:

@@ -122,6 +122,7 @@ def train_coma(
             record.write(row)
             run.report(episode, options.episodes, row.get("evaluation", row["value"]), message="training")
             if episode // options.checkpoint_every > before // options.checkpoint_every:
+                record.save()
                 save()
     save()
     return Training(best, best_value, episode, actor)

@@ -135,6 +135,7 @@ def train_ippo(
             done = episode + 1
             run.report(done, options.episodes, row.get("evaluation", row["value"]), message="training")
             if done % options.checkpoint_every == 0:
+                record.save()
                 save()
     save()
     return Training(best, best_value, done, actor)

@@ -93,6 +93,7 @@ def _train(problems: Problems, guide: Policy, options: TrainOptions, folder: Pat
                 learner.episode, options.episodes, row.get("evaluation", row["value"]), message="training"
             )
             if learner.episode % options.checkpoint_every == 0:
+                record.save()
                 save_checkpoint(path, learner.checkpoint(), about)
     save_checkpoint(path, learner.checkpoint(), about)
     if not np.isfinite(learner.best_value):  # stopped before the first evaluation

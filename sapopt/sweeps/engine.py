@@ -200,7 +200,7 @@ def _mark(folder: Path) -> Iterator[Path]:
     """A file by which workers know that they see the very folder of this sweep."""
     _tidy(folder)
     path = folder / f".sweep-{uuid4().hex}"
-    path.write_text(json.dumps({"host": socket.gethostname(), "pid": os.getpid()}), encoding="utf-8")
+    write_text(path, json.dumps({"host": socket.gethostname(), "pid": os.getpid()}))
     try:
         yield path
     finally:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import io
 import json
 import os
-import signal
-import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,122 +15,14 @@ import numpy as np
 import pytest
 
 import sapopt
-from sapopt import SAP, Result, bound, certify, solve
-from sapopt.cli.output import Output, figure
-from sapopt.data.files import Entry, read_npz, replacing, write_arrays, write_npz, write_text
-from sapopt.formulations import qap
+from sapopt import SAP, Result, solve
+from sapopt.data.files import Entry, read_npz, replacing, write_npz, write_text
 from sapopt.proofs.certificate import Certificate, CertificateError
-from sapopt.report import report
 from sapopt.solvers import HAA
-from sapopt.solvers.charge_value import ChargeValue
 
 ROOT = Path(sapopt.__file__).parents[1]
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits of POSIX")
 PROBLEM = SAP(np.random.default_rng(0).random((40, 6, 9)), 0.4)
-
-
-def save_png(path: Path) -> None:
-    """A figure by the way of the command line."""
-    Output(path.parent, [], force=True).png(path.name, figure(4.0, 3.0)[0])
-
-
-def written() -> dict[str, Callable[[Path], Any]]:
-    """Every kind of file that the library and the command line write."""
-    result = solve(PROBLEM, HAA())
-    proven = bound(PROBLEM)
-    certificate = certify(PROBLEM, result.with_bound(proven.value, proven.prices))
-    return {
-        "problem": PROBLEM.save,
-        "result": result.save,
-        "certificate": certificate.save,
-        "prices": lambda path: write_arrays(path, {"prices": proven.prices}),
-        "json": lambda path: Output(path.parent, [], force=True).json(path.name, {"trace": [1.5] * 9000}),
-        "figure": save_png,
-        "page": lambda path: report(PROBLEM, result, path, force=True),
-        "table": ChargeValue.load("power").save,
-        "qap": qap.formulate(SAP(np.ones((3, 5, 5)), 0.4)).write_qaplib,
-    }
-
-
-@pytest.fixture(scope="module")
-def writers() -> dict[str, Callable[[Path], Any]]:
-    """Made once."""
-    return written()
-
-
-KINDS = ("problem", "result", "certificate", "prices", "json", "figure", "page", "table", "qap")
-
-
-def test_every_kind_is_tried(writers: dict[str, Callable[[Path], Any]]) -> None:
-    """The list of names and the list of writers agree."""
-    assert tuple(writers) == KINDS
-
-
-FULL_DISK = """
-import resource, sys
-from pathlib import Path
-sys.path.insert(0, "tests"); sys.path.insert(0, "tests/data")
-from test_files import written
-folder = Path(sys.argv[1])
-made = written()
-for name, write in made.items():
-    (folder / name).write_text("old")
-resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
-for name, write in made.items():
-    try:
-        write(folder / name)
-    except OSError as error:
-        print(name, Path(error.filename).name)
-"""
-
-
-@POSIX
-@pytest.mark.skipif(sys.platform != "linux", reason="how a limit is told differs")
-def test_a_full_disk_leaves_the_old_files(tmp_path: Path) -> None:
-    """A write that fails names its file, leaves the old one as it was, and no other files behind."""
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(tmp_path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == [word for kind in KINDS for word in (kind, kind)]
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(KINDS)
-    assert all((tmp_path / kind).read_text() == "old" for kind in KINDS)
-
-
-KILLED = """
-import sys
-from pathlib import Path
-import numpy as np
-from sapopt.data.files import write_arrays
-path = Path(sys.argv[1])
-small = np.random.default_rng(1).random(300_000)
-print("ready", flush=True)
-while True:
-    write_arrays(path, {"values": small})
-"""
-
-
-@POSIX
-def test_a_killed_writer_leaves_a_whole_file(tmp_path: Path) -> None:
-    """A writer that is killed at any moment leaves the old content or the new one."""
-    path = tmp_path / "values.npz"
-    write_arrays(path, {"values": np.zeros(3)})
-    for delay in (0.02, 0.05, 0.11):
-        process = subprocess.Popen(
-            [sys.executable, "-c", KILLED, str(path)], cwd=ROOT, stdout=subprocess.PIPE
-        )
-        assert process.stdout is not None
-        process.stdout.readline()
-        threading.Event().wait(delay)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        process.stdout.close()
-        with np.load(path) as file:
-            assert len(file["values"]) in (3, 300_000)
 
 
 def test_two_writers_at_once(tmp_path: Path) -> None:
@@ -157,23 +46,6 @@ def test_two_writers_at_once(tmp_path: Path) -> None:
     meta, arrays = read_npz(path, "f", {"values": Entry("f", (None,))}, 10**6)
     assert arrays["values"].shape == (meta["size"],)
     assert [p.name for p in tmp_path.iterdir()] == ["p.npz"]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_links_and_neighbours_are_left_alone(
-    tmp_path: Path, writers: dict[str, Callable[[Path], Any]], kind: str
-) -> None:
-    """What a link points to, and a user's own ``.part`` file, stay as they are; the link gives way to the file."""
-    treasure, own = tmp_path / "treasure", tmp_path / "x.part"
-    treasure.write_text("mine")
-    own.write_text("mine too")
-    path = tmp_path / "x"
-    path.symlink_to(treasure)
-    writers[kind](path)
-    assert (treasure.read_text(), own.read_text()) == ("mine", "mine too")
-    assert not path.is_symlink()
-    assert path.stat().st_size > 4
-    assert {p.name for p in tmp_path.iterdir()} == {"treasure", "x.part", "x"}
 
 
 @POSIX
@@ -291,12 +163,10 @@ FIELDS: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_fields_of_a_result_are_checked(
-    tmp_path: Path, writers: dict[str, Callable[[Path], Any]], name: str
-) -> None:
+def test_fields_of_a_result_are_checked(tmp_path: Path, name: str) -> None:
     """A result with a field of a wrong type is refused when it is read, and says which."""
     path = tmp_path / "r.npz"
-    writers["result"](path)
+    solve(PROBLEM, HAA()).save(path)
     with np.load(path) as file:
         arrays = {key: file[key] for key in file.files}
     value, message = FIELDS[name]
