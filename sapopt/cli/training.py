@@ -95,9 +95,10 @@ def train_reda(
         ),
     ] = "default",
     observation: Annotated[
-        Literal["auto", "published", "thesis"],
+        Literal["auto", "published", "thesis", "state"],
         typer.Option(
-            help="What agents see: as in the published code, or as in the thesis; auto: by the preset."
+            help="What agents see: as in the published code, as in the thesis, or beta_hat in their state; auto: "
+            "by the preset, or the last where the state does not show the previous tasks."
         ),
     ] = "auto",
     see: Annotated[
@@ -122,6 +123,7 @@ def train_reda(
     if guide not in GUIDES:
         raise ValueError(nearest(guide, GUIDES, "guide"))
     from sapopt import learning  # an ImportError here says which extra is missing
+    from sapopt.learning.observation import shows_assignment
 
     weights = out / "weights.safetensors"
     if weights.exists() and not force:
@@ -141,7 +143,11 @@ def train_reda(
         "per-task": learning.TrainOptions.per_task_values,
     }
     steps = see or (5 if preset == "per-task" else 3)
-    options = options_of[preset](spec=seen(steps=steps, charge=has_charge), **given)
+    if observation == "state" or (observation == "auto" and not shows_assignment(first.initial_state())):
+        spec: Any = learning.StateObservation.of(first, steps=steps)
+    else:
+        spec = seen(steps=steps, charge=has_charge)
+    options = options_of[preset](spec=spec, **given)
     policy = solvers.AssignmentPolicy(getattr(solvers, guide))
     with Reporter() as reporter, work.watched(f"training REDA on {instance}", reporter) as (phase, callback):
         run = Run(time_limit=time_limit, callback=callback)

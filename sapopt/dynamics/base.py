@@ -147,8 +147,8 @@ class Dynamics(Protocol):
     A class may say more, and gains by it. The names, with what is done without them, are those of `Model`:
     ``handover_at``, ``handover_limit``, ``handover_floor``, ``interval``, ``key``, ``fingerprint``, ``bind``,
     ``validate``, ``interaction`` (with ``marginal`` and ``serves``), ``path_oracle``, ``window_oracle``,
-    ``local_model``, ``charge_of``. Each must tell of this very rule. A subclass that changes the rule of its base
-    therefore loses what the base says of it, and has to say it anew: see `sapopt.dynamics.capabilities`.
+    ``local_model``, ``charge_of``, ``features``. Each must tell of this very rule. A subclass that changes the rule of
+    its base therefore loses what the base says of it, and has to say it anew: see `sapopt.dynamics.capabilities`.
     """
 
     def initial_state(self, problem: Setting) -> Any:
@@ -292,6 +292,10 @@ class Model(ABC):
 
     def charge_of(self, state: Any) -> FloatArray | None:
         """Charge of every agent, shape ``(n,)``, at most `capacity`; None if there are no charges."""
+        return None
+
+    def features(self, state: Any) -> FloatArray | None:
+        """What a learner may know of every agent's state beyond beta_hat, shape ``(n, F)``, each of a size about 1."""
         return None
 
     def plain(self, problem: Setting) -> Plain | None:

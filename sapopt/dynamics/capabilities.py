@@ -31,7 +31,18 @@ PATHS = ("path_oracle", "window_oracle", "local_model")
 KINDS = ("switching", "entering", "batteries", "plain", "is_agent_local")
 """Said by subclasses of `Model` alone; elsewhere such names mean something else."""
 NUMBERS = ("handover_limit", "handover_floor", "capacity")
-CAPABILITIES = ("handover_at", "interval", "key", "marginal", "serves", "charge_of", *NUMBERS, *PATHS, *KINDS)
+CAPABILITIES = (
+    "handover_at",
+    "interval",
+    "key",
+    "marginal",
+    "serves",
+    "charge_of",
+    "features",
+    *NUMBERS,
+    *PATHS,
+    *KINDS,
+)
 """What a class may say of its rule."""
 
 _FREE = frozenset(

@@ -15,6 +15,7 @@ from sapopt.learning.network import Network, load_network, save_network
 from sapopt.learning.observation import ObservationSpec, ThesisObservation
 from sapopt.learning.options import TrainOptions
 from sapopt.learning.reda import REDA
+from sapopt.learning.state_observation import StateObservation
 from sapopt.learning.train import Training, train
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Environment",
     "Network",
     "ObservationSpec",
+    "StateObservation",
     "ThesisObservation",
     "TrainOptions",
     "Training",

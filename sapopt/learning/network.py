@@ -18,12 +18,15 @@ from sapopt.data.files import replacing
 from sapopt.learning.global_observation import GlobalSpec
 from sapopt.learning.observation import ObservationSpec, Spec, ThesisObservation
 from sapopt.learning.per_task import PerTask
+from sapopt.learning.state_observation import StateObservation
 
 FORMAT = "sapopt-network-1"
 
 _MOST = 10**9  # numbers in a layer: more than fit into any memory, few enough to multiply
 
-_SPECS: dict[str, Any] = {"local": ObservationSpec, "thesis": ThesisObservation, "global": GlobalSpec}
+_SPECS: dict[str, Any] = {
+    "local": ObservationSpec, "thesis": ThesisObservation, "global": GlobalSpec, "state": StateObservation,
+}  # fmt: skip
 
 
 class Network(torch.nn.Module):

@@ -230,6 +230,11 @@ class Holding(Protocol):
         """Tasks (n,); None before a first free step."""
 
 
+def shows_assignment(state: Any) -> bool:
+    """Whether a state shows the previous assignment, as the two observations of this module need."""
+    return state is None or isinstance(state, (np.ndarray, Holding))
+
+
 def held_by(state: Any) -> IntArray | None:
     """Previous assignment (n,) in a state of one of the library's dynamics; None before a first free step.
 
@@ -242,8 +247,8 @@ def held_by(state: Any) -> IntArray | None:
         return state
     if not isinstance(state, Holding):
         raise ValueError(
-            f"dynamics: a state of type {type(state).__name__} shows no previous assignment; learned policies need "
-            "an array of tasks, or an attribute `held`"
+            f"dynamics: a state of type {type(state).__name__} shows no previous assignment; this observation needs "
+            "an array of tasks, or an attribute `held`. StateObservation.of(problem) needs neither"
         )
     return state.held
 

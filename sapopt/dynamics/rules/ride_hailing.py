@@ -8,7 +8,7 @@ import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
 from sapopt.dynamics.base import Setting
-from sapopt.dynamics.rules.agent_local import AgentLocal
+from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +103,11 @@ class RideHailing(AgentLocal):
     def start(self, problem: Setting) -> IntArray:
         """All drivers are free at home; an initial assignment tells nothing about them."""
         return self.home.copy()
+
+    def features(self, state: LocalStates) -> FloatArray:
+        """In how many times `patience` (or steps, without any) every driver is free, shape ``(n, 1)``."""
+        busy = np.maximum(state.local // len(self.travel) - state.step, 0)
+        return (busy / max(self.patience, 1))[:, None].astype(np.float64)
 
     def rule(
         self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray

@@ -8,7 +8,7 @@ import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
 from sapopt.dynamics.base import Setting
-from sapopt.dynamics.rules.agent_local import AgentLocal
+from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +82,12 @@ class UnitCommitment(AgentLocal):
     def start(self, problem: Setting) -> IntArray:
         """What `initial` says; an initial assignment tells nothing more."""
         return np.clip(self.initial, -self.minimum_down, self.minimum_up)
+
+    def features(self, state: LocalStates) -> FloatArray:
+        """Whether every unit is on, and the share of its minimum time that is left, shape ``(n, 2)``."""
+        on = state.local > 0
+        least = np.where(on, self.minimum_up, self.minimum_down)
+        return np.stack([on.astype(np.float64), 1.0 - np.abs(state.local) / least], axis=1)
 
     def rule(
         self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray
