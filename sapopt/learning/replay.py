@@ -115,8 +115,8 @@ class Replay:
     def reward_scale(self, kind: str) -> tuple[np.ndarray, np.ndarray]:
         """Mean and deviation (n,) by which rewards are standardised.
 
-        ``"agent"`` standardises the rewards of every agent on their own (thesis), ``"common"`` divides all rewards by
-        one number, so that the agents' values stay comparable; ``"none"`` leaves them.
+        ``"agent"`` standardises the rewards of every agent on their own (published code), ``"common"`` divides all
+        rewards by one number, so that the agents' values stay comparable; ``"none"`` leaves them.
         """
         n = self.episodes[-1].rewards.shape[1]
         if kind == "none":

@@ -90,7 +90,8 @@ def test_own_values_do_not_follow_from_own_maxima() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_updates_converge_in_a_table(seed: int) -> None:
-    """The learner's one-step targets, each agent's own, converge to the values of the best policy."""
+    """Beyond the lemma, with joint tables and alpha of the present values: the learner's one-step targets, each agent's
+    own, converge to the values of the best policy."""
     mdp = random_mdp(seed)
     rng = np.random.default_rng(seed)
     wanted = mdp.agents_values(mdp.optimal_policy())
@@ -125,6 +126,49 @@ def test_the_split_holds_for_the_policys_own_assignment_alone() -> None:
         np.testing.assert_allclose(defined[states, policy], joint[states, policy], atol=1e-9)
         wrong += int((np.abs(defined - joint) > 1e-6).sum())
     assert wrong > 50
+
+
+def target_update(mdp: SmallMDP, values: np.ndarray, policy: np.ndarray, agent: int) -> np.ndarray:
+    """F of Lemma 5.4.1 for one agent's table (states, tasks): R_i(s, j) + gamma Q_i(s', x'^i) with s' after pi(s) and
+    x' = pi(s'). Agents see the state."""
+    states = np.arange(4)
+    following = mdp.follows[states, policy]
+    tasks = np.array([mdp.rows[policy[s]][agent] for s in following])
+    return mdp.rewards[:, agent] + mdp.discount * values[following, tasks][:, None]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_lemma_5_4_1_for_a_constant_policy(seed: int) -> None:
+    """F contracts by gamma, and from any start leads to the agent's own values under the policy, by definition."""
+    mdp, rng = random_mdp(seed), np.random.default_rng(seed)
+    policy = rng.integers(len(mdp.rows), size=4)
+    states = np.arange(4)
+    later = (mdp.agents_values(policy) - mdp.own)[states, policy]  # what follows pi(s)
+    for agent in range(2):
+        q, other = 5 * rng.normal(size=(2, 4, 3))
+        for _ in range(200):
+            gap = np.abs(q - other).max()
+            q, other = (target_update(mdp, values, policy, agent) for values in (q, other))
+            assert np.abs(q - other).max() <= mdp.discount * gap + 1e-12
+        np.testing.assert_allclose(q, mdp.rewards[:, agent] + later[:, agent, None], atol=1e-6)
+
+
+def test_lemma_5_4_1_needs_the_constant_policy() -> None:
+    """REDA's policy is alpha of the values themselves. Then the update contracts nothing: tables that are close, but on
+    two sides of a tie, are led apart by more than gamma, and by more than they were."""
+    mdp, rng = random_mdp(0), np.random.default_rng(0)
+
+    def update(q: np.ndarray) -> np.ndarray:
+        sums = np.array([[q[0, s, row[0]] + q[1, s, row[1]] for row in mdp.rows] for s in range(4)])
+        return np.stack([target_update(mdp, q[i], sums.argmax(axis=1), i) for i in range(2)])
+
+    growth = []
+    for _ in range(2000):
+        q = rng.normal(size=(2, 4, 3))
+        other = q + 0.05 * rng.normal(size=q.shape)
+        growth.append(np.abs(update(q) - update(other)).max() / np.abs(q - other).max())
+    assert max(growth) > 5.0
+    assert np.median(growth) <= mdp.discount + 1e-9  # where both say the same policy, the lemma is true
 
 
 def played(values: np.ndarray) -> tuple[int, ...]:
