@@ -113,7 +113,7 @@ class SAPParallelEnv(ParallelEnv):
     problems : SAP, or callable
         One problem, or ``problems(seed)``; all with the same number of agents.
     spec : ObservationSpec, optional
-        By default that of the thesis, with charges where the dynamics has them.
+        By default `ObservationSpec()`, with charges where the dynamics has them.
 
     Notes
     -----

@@ -9,7 +9,8 @@ import numpy as np
 from sapopt.data.types import FloatArray
 
 EARTH_RADIUS_KM = 6378.137
-"""Radius of the spherical Earth of the thesis: the equatorial radius of WGS 84, used at every latitude."""
+"""Radius of the spherical Earth: the equatorial radius of WGS 84, used at every latitude, as in the published code of
+Holder (2024)."""
 
 EARTH_MU_KM3_S2 = 398600.4418
 """Gravitational parameter of the Earth, WGS 84."""

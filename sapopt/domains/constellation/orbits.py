@@ -39,11 +39,12 @@ class WalkerShell:
     altitude_km : float
         Above the sphere of radius `EARTH_RADIUS_KM`.
     phasing : float
-        Walker's phasing parameter F; the thesis uses 0.
+        Walker's phasing parameter F; the published code of Holder (2024) has 0, the thesis names none.
     raan_spread_deg : float
         360 for a Walker delta, 180 for a Walker star.
     first_latitude_argument_deg : float
-        Argument of latitude of satellite 0 of plane 0 at time 0. The default, 180, is that of the thesis' experiments.
+        Argument of latitude of satellite 0 of plane 0 at time 0. The default, 180, is that of the published
+        code.
     """
 
     planes: int
@@ -106,7 +107,8 @@ STARLINK_SHELLS_2019 = (
 
 The thesis takes "the nominal configuration of Starlink" from del Portillo, Cameron and Crawley (Acta Astronautica 159,
 2019) and replaces its altitudes of 1150, 1110, 1130, 1275 and 1325 km by 550, 510, 530, 675 and 725 km. That
-configuration has 4425 satellites; the thesis writes 4225 and names no shell that it left out.
+configuration has 4425 satellites, the number that the FCC approved in March 2018; the thesis writes 4225 and names no
+shell that it left out.
 """
 
 
