@@ -6,7 +6,9 @@ from sapopt.data.benefits import Benefits
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import GainMatrix
 from sapopt.dynamics import SwitchingCost
+from sapopt.problem.limit import Limit, Team
 from sapopt.problem.result import Evaluation, Result, Status
+from sapopt.problem.rows import LimitUse
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, verify
 from sapopt.running.control import Progress
@@ -23,11 +25,14 @@ __all__ = [
     "Evaluation",
     "GainMatrix",
     "InfeasibleError",
+    "Limit",
+    "LimitUse",
     "Outlook",
     "Progress",
     "Result",
     "Status",
     "SwitchingCost",
+    "Team",
     "assign",
     "bound",
     "certify",

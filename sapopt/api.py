@@ -10,12 +10,13 @@ from typing import Any
 
 from sapopt.data.types import FloatArray
 from sapopt.formulations.bounds import cancellation, dual_bound, stepwise_bound
+from sapopt.formulations.limited.bounds import limited_bound
 from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prove
 from sapopt.running.control import Callback, Run, interruptible
 from sapopt.running.outlook import Forecast, Policy, rollout
-from sapopt.solvers.base import Outcome, Planner, Solver, gap_unit
+from sapopt.solvers.base import Outcome, Planner, Solver, gap_unit, untaken
 
 log = logging.getLogger(__name__)
 
@@ -75,20 +76,32 @@ def solve(
         raise ValueError(f"start: {solver.name} decides step by step and takes no plan to start from")
     if not is_policy and forecast is not None:
         raise ValueError(f"forecast: {solver.name} plans the whole horizon and takes no forecast")
+    lacking = untaken(problem, solver)
+    if lacking:
+        raise ValueError(
+            f"solver: {solver.name} does not take problems with {' and '.join(lacking)}; DualDecomposition and "
+            "Exact take all of them"
+        )
     plan = None if start is None else problem.check_plan(start.plan if isinstance(start, Result) else start)
+    if plan is not None and not problem.is_plain:
+        problem.evaluate(plan)  # a plan that breaks a hard limit is none to start from
+        plan = problem.placed(plan)
+    core = problem.core
     with _display(progress, solver.name, callback) as report:
         run = Run(seed, time_limit, report, plan)
         with interruptible(run):
             if isinstance(solver, Policy):
-                played = rollout(problem, solver, run, forecast)
+                played = rollout(core, solver, run, forecast)
                 outcome = Outcome(played.plan, played.status, trace=played.trace)
             else:
-                outcome = _padded(problem, solver.plan(problem, run))
+                outcome = _padded(core, solver.plan(core, run))
         runtime = run.seconds
     _tell_compiling(run)
+    plan = problem.unplaced(outcome.plan)
+    prices = None if outcome.prices is None else outcome.prices[:, : problem.m]
     return Result(
-        outcome.plan, problem.evaluate(outcome.plan), outcome.status, runtime, solver.name, outcome.bound,
-        outcome.trace, seed, outcome.prices, problem,
+        plan, problem.evaluate(plan), outcome.status, runtime, solver.name, outcome.bound, outcome.trace, seed,
+        prices, problem, outcome.limit_prices, outcome.team_prices,
     )  # fmt: skip
 
 
@@ -135,7 +148,8 @@ def bound(
     """A proven upper bound of the optimal value of this very problem.
 
     For agent-local dynamics (every `SwitchingCost`) the Lagrangian dual of the task capacities is minimised
-    (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken.
+    (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken. Limits and teams have
+    multipliers in the same dual (docs/limits.md).
 
     Parameters
     ----------
@@ -169,7 +183,9 @@ def bound(
     with _display(progress, "bound", callback) as report:
         run = Run(seed, time_limit, report)
         with interruptible(run):
-            if not problem.model.is_agent_local:
+            if not problem.is_plain:
+                proven = limited_bound(problem, run, prices)
+            elif not problem.model.is_agent_local:
                 proven = stepwise_bound(problem, run)
             else:
                 proven = dual_bound(problem, run, prices, device)
@@ -210,13 +226,15 @@ def certify(
     """
     if prices is None:
         prices = result.prices
-    if prices is None:
-        prices = bound(problem, time_limit=time_limit, progress=progress).prices
+    limits, teams = result.limit_prices, result.team_prices
+    if prices is None or (not problem.is_plain and limits is None):
+        proven = bound(problem, time_limit=time_limit, progress=progress, prices=prices)
+        prices, limits, teams = proven.prices, proven.limit_prices, proven.team_prices
     if prices is None:
         raise CertificateError(
             f"dynamics: {problem.model.called} is not agent-local, so no prices prove a bound"
         )
-    return prove(problem, result.plan, prices, result.solver)
+    return prove(problem, result.plan, prices, result.solver, limits, teams)
 
 
 def _check_common(problem: SAP, time_limit: float | None, seed: int) -> None:

@@ -30,6 +30,7 @@ import scipy.sparse as sp
 
 from sapopt.data.feasibility import InfeasibleError, explain_infeasible
 from sapopt.data.matrices import GainMatrix, Matrix, checked_matrix
+from sapopt.data.transport import transported
 from sapopt.data.types import FloatArray, IntArray, index_array
 
 Backend = Literal["auto", "kernel", "scipy-sparse", "scipy-dense"]
@@ -45,7 +46,14 @@ class Assignment:
     value: float
 
 
-def assign(matrix: Any, *, backend: Backend = "auto", parking: IntArray | None = None) -> IntArray:
+def assign(
+    matrix: Any,
+    *,
+    backend: Backend = "auto",
+    parking: IntArray | None = None,
+    capacity: Any = 1,
+    idle: bool = False,
+) -> IntArray:
     """Assign every agent one task, no task to two agents, at the greatest total benefit (alpha of the thesis).
 
     Parameters
@@ -56,6 +64,10 @@ def assign(matrix: Any, *, backend: Backend = "auto", parking: IntArray | None =
         See the module documentation.
     parking : ndarray of int, shape (m,), optional
         Order in which idle agents try the tasks; ascending by default.
+    capacity : int or array_like of int, shape (m,)
+        How many agents a task may take; 0 closes it. The assignment is then solved by scipy over copies of the tasks.
+    idle : bool
+        Whether an agent that would gain nothing may be left without a task: -1, worth 0.
 
     Returns
     -------
@@ -73,10 +85,42 @@ def assign(matrix: Any, *, backend: Backend = "auto", parking: IntArray | None =
         raise ValueError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
     checked = checked_matrix(matrix)
     n, m = checked.shape
+    room = checked_room(capacity, m)
+    if room is not None or idle:
+        if backend != "auto" or parking is not None:
+            raise ValueError(
+                "backend, parking: they are for one agent to a task; leave them out with capacity or idle"
+            )
+        dense = checked.toarray() if isinstance(checked, GainMatrix) else checked
+        return _with_room(dense, np.ones(m, dtype=np.int64) if room is None else room, idle)
     if n > m:
         raise ValueError(f"{n} agents cannot each have one of {m} tasks; add idle tasks (zero columns)")
     order = _parking_order(parking, m)
     return best_assignment(checked, order, backend).tasks
+
+
+def _with_room(matrix: FloatArray, room: IntArray, idle: bool) -> IntArray:
+    """The assignment where tasks take several agents, and agents may take none."""
+    n, m = matrix.shape
+    if not idle:
+        return transported(matrix, room)
+    tasks = transported(np.hstack([matrix, np.zeros((n, 1))]), np.append(room, n))
+    gains_nothing = (tasks == m) | (matrix[np.arange(n), np.minimum(tasks, m - 1)] <= 0)
+    return np.where(gains_nothing, -1, tasks)
+
+
+def checked_room(capacity: Any, m: int) -> IntArray | None:
+    """Capacities (m,) of one step, None where all are 1.
+
+    Raises
+    ------
+    ValueError
+        If they are no whole numbers of at least 0.
+    """
+    counts = index_array(capacity, "capacity")
+    if counts.shape not in ((), (m,)) or (counts < 0).any():
+        raise ValueError(f"capacity must be a whole number of at least 0, or {m} of them, got {capacity!r}")
+    return None if (counts == 1).all() else np.broadcast_to(counts, (m,)).copy()
 
 
 def best_assignment(matrix: Matrix, order: IntArray, backend: Backend = "auto") -> Assignment:

@@ -152,7 +152,7 @@ def read_npz(
     form: str,
     entries: Mapping[str, Entry],
     most_bytes: int,
-    prefix: str | None = None,
+    prefix: str | tuple[str, ...] | None = None,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read what `write_npz` wrote.
 
@@ -165,7 +165,7 @@ def read_npz(
         The arrays that the file may hold, and must where they are not optional.
     most_bytes : int
         Most memory that the arrays may take together; larger files are refused before they are unpacked.
-    prefix : str, optional
+    prefix : str or tuple of str, optional
         Arrays of numbers whose names begin like this are allowed besides.
 
     Raises
@@ -223,7 +223,7 @@ def _check(
     names: set[str],
     entries: Mapping[str, Entry],
     most_bytes: int,
-    prefix: str | None,
+    prefix: str | tuple[str, ...] | None,
 ) -> None:
     """Check all arrays by what is said about them, before one is unpacked."""
     for name, entry in entries.items():

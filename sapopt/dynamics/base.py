@@ -178,6 +178,8 @@ class Model(ABC):
     """
     handover_floor: float | None = None
     """The least entry that the handover matrix can have; None: not known. For the a-priori guarantees."""
+    idles_freely: ClassVar[bool] = False
+    """Whether a task of no benefit is idleness by the rule itself, so that ``idle=True`` needs no rule of its own."""
     capacity: float = 1.0
     """The greatest value of `charge_of`."""
 

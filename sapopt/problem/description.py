@@ -19,7 +19,13 @@ from sapopt.dynamics.registry import BUILT_IN, is_own
 _VERSION = "sapopt-fingerprint-2"
 
 
-def fingerprint(shape: tuple[int, int, int], flat: Flat, initial: IntArray | None, dynamics: Any) -> str:
+def fingerprint(
+    shape: tuple[int, int, int],
+    flat: Flat,
+    initial: IntArray | None,
+    dynamics: Any,
+    more: tuple[dict[str, Any], dict[str, Any]] = ({}, {}),
+) -> str:
     """SHA-256 of everything that decides the value of a plan.
 
     Every array goes in with its name and shape, so that no two problems share their bytes; numbers go in by value, so
@@ -34,6 +40,7 @@ def fingerprint(shape: tuple[int, int, int], flat: Flat, initial: IntArray | Non
     arrays = {"indptr": flat.indptr, "indices": flat.indices, "data": flat.data} | arrays
     if initial is not None:
         arrays["initial_assignment"] = initial
+    meta, arrays = meta | more[0], arrays | more[1]
     digest = hashlib.sha256(_VERSION.encode())
     digest.update(repr((shape, sorted((key, plain(value)) for key, value in meta.items()))).encode())
     for name, array in arrays.items():

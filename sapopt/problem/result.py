@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.problem.rows import LimitUse
 
 if TYPE_CHECKING:
     from sapopt.problem.sap import SAP
@@ -22,6 +23,8 @@ _ENTRIES = {
     "benefit": Entry("f", (None,)),
     "handover": Entry("f", (None,)),
     "prices": Entry("f", (None, None), optional=True),
+    "limit_prices": Entry("f", (None,), optional=True),
+    "team_prices": Entry("f", (None,), optional=True),
 }
 _MOST_BYTES = 2**30  # of the arrays of a file: 4000 steps with 30 000 tasks, and more
 
@@ -55,19 +58,25 @@ class Evaluation:
     Attributes
     ----------
     value : float
-        Total benefit plus total handover.
+        Total benefit plus total handover, plus the rewards of teams, less the penalties of limits.
     benefit : ndarray, shape (T,)
         Benefit of every step.
     handover : ndarray, shape (T,)
         Sum of the handover matrix over the pairs held at every step; negative where it costs.
     handovers : int
-        Changes of task, counted from the plan (from the initial assignment on, if there is one).
+        Changes of task, counted from the plan (from the initial assignment on, if there is one). Going idle is none.
+    limits : tuple of LimitUse
+        Use and slack of every limit.
+    teams : float
+        Rewards of teams.
     """
 
     value: float
     benefit: FloatArray
     handover: FloatArray
     handovers: int
+    limits: tuple[LimitUse, ...] = ()
+    teams: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +105,8 @@ class Result:
         Task prices that prove the bound, if the solver found some.
     problem : SAP or None
         The problem that was solved. Files and pickles leave it out, so that they stay small.
+    limit_prices, team_prices : ndarray or None
+        Multipliers of limits and teams that belong to the prices.
     """
 
     plan: IntArray
@@ -108,6 +119,8 @@ class Result:
     seed: int = 0
     prices: FloatArray | None = field(default=None, repr=False)
     problem: SAP | None = field(default=None, repr=False)
+    limit_prices: FloatArray | None = field(default=None, repr=False)
+    team_prices: FloatArray | None = field(default=None, repr=False)
 
     @property
     def value(self) -> float:
@@ -183,11 +196,13 @@ class Result:
         meta = {
             "format": _FORMAT, "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
             "bound": self.bound, "seed": self.seed, "value": self.value, "handovers": self.handovers,
-            "trace": self.trace,
+            "trace": self.trace, "teams": self.evaluation.teams,
+            "limits": [asdict(use) for use in self.evaluation.limits],
         }  # fmt: skip
         arrays = {"plan": self.plan, "benefit": self.evaluation.benefit, "handover": self.evaluation.handover}
-        if self.prices is not None:
-            arrays["prices"] = self.prices
+        for name in ("prices", "limit_prices", "team_prices"):
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)
         write_npz(path, meta, arrays)
 
     @classmethod
@@ -209,11 +224,13 @@ class Result:
                 raise ValueError("its prices are not finite, or not one row for every step")
             bound = None if meta["bound"] is None else _number(meta, "bound", finite=False)
             score = Evaluation(
-                _number(meta, "value"), arrays["benefit"], arrays["handover"], _whole(meta, "handovers")
-            )
+                _number(meta, "value"), arrays["benefit"], arrays["handover"], _whole(meta, "handovers"),
+                tuple(LimitUse(**use) for use in meta.get("limits", [])), float(meta.get("teams", 0.0)),
+            )  # fmt: skip
             return cls(
                 plan, score, Status[meta["status"]], _number(meta, "runtime"), _text(meta, "solver"), bound,
                 _records(meta["trace"]), _whole(meta, "seed"), prices,
+                limit_prices=arrays.get("limit_prices"), team_prices=arrays.get("team_prices"),
             )  # fmt: skip
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"{path}: damaged result file ({error})") from None

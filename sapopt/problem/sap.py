@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -18,8 +19,14 @@ from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
 from sapopt.dynamics.capabilities import adapt
 from sapopt.dynamics.switching.model import SwitchingCost
+from sapopt.problem.capacity import check_room, checked_capacity, overfull
+from sapopt.problem.core import made_core
 from sapopt.problem.description import described, fingerprint, rebuilt
+from sapopt.problem.limit import Limit, Team, checked_limits
+from sapopt.problem.limit_files import described_limits, rebuilt_limits
 from sapopt.problem.result import Evaluation
+from sapopt.problem.row_reader import compiled
+from sapopt.problem.rows import Rows, no_rows
 
 _FORMAT = "sapopt-problem-1"
 _ENTRIES = {
@@ -28,6 +35,7 @@ _ENTRIES = {
     "indices": Entry("iu", (None,), optional=True),
     "data": Entry("f", (None,), optional=True),
     "initial_assignment": Entry("iu", (None,), optional=True),
+    "capacity": Entry("iu", (None, None), optional=True),
 }
 _MOST_BYTES = 64 * 2**30  # of the arrays of a file
 
@@ -36,7 +44,8 @@ class SAP:
     """A sequential assignment problem: n agents, m tasks, T steps, benefits that depend on the state.
 
     At each step every agent takes exactly one task and no task is taken twice; the value of a plan is the sum of the
-    benefits and of the handover terms eta(s_k) of its pairs (thesis, eq. 1.3 and 3.4). Problems are immutable.
+    benefits and of the handover terms eta(s_k) of its pairs (thesis, eq. 1.3 and 3.4). Capacities, idleness, limits and
+    teams change what a plan may be (docs/limits.md). Problems are immutable.
 
     Parameters
     ----------
@@ -46,7 +55,16 @@ class SAP:
     dynamics : Dynamics or float
         State model, for example ``SwitchingCost(0.5)``; a number is the cost of a `SwitchingCost`.
     initial_assignment : array_like of shape (n,), optional
-        Task that every agent holds before the first step. None: the first step pays no handover.
+        Task that every agent holds before the first step. None: the first step pays no handover. With ``idle=True``,
+        -1 stands for none.
+    capacity : int or array_like of int, shape (m,) or (T, m)
+        How many agents may hold a task; 0 closes it. n may exceed m where the capacities allow it.
+    idle : bool
+        Whether an agent may hold nothing, -1 in plans: worth 0, and going idle is free. Taking up a task from idleness
+        is a handover. A dynamics sees idleness as a further task, the last one, of zero benefit (so a matrix of costs
+        needs a row and a column more; rules of `AgentLocal` say themselves what idling costs).
+    limits : sequence of Limit and Team
+        Limits on the whole plan, and rewards for holding a task together.
     agents, tasks : sequence of str, optional
         Labels for plots and reports.
 
@@ -55,7 +73,12 @@ class SAP:
     dynamics : Dynamics
         As it was passed.
     model : Model
-        The same, bound to the benefits, with an answer to every question (`sapopt.dynamics.base.Model`).
+        The same, bound to the benefits, with an answer to every question (`sapopt.dynamics.base.Model`). With
+        ``idle=True`` its last task, ``m``, is idleness.
+    capacity : ndarray of int64, shape (T, m), or None
+        None where every task takes one agent.
+    idle : bool
+    limits : tuple of Limit and Team
 
     Raises
     ------
@@ -76,24 +99,31 @@ class SAP:
         dynamics: Dynamics | float = 0.0,
         initial_assignment: Any = None,
         *,
+        capacity: Any = 1,
+        idle: bool = False,
+        limits: Iterable[Limit | Team] = (),
         agents: Sequence[str] | None = None,
         tasks: Sequence[str] | None = None,
     ) -> None:
         self.benefits = Benefits(benefits).settled()
         self.T, self.n, self.m = self.benefits.shape
-        if self.n > self.m:
-            raise ValueError(
-                f"benefits: {self.n} agents cannot each have one of {self.m} tasks; "
-                "SAP.with_idle_tasks(benefits, ...) appends a zero-benefit task per agent"
-            )
+        if not isinstance(idle, (bool, np.bool_)):
+            raise ValueError(f"idle must be True or False, got {idle!r}")
+        self.idle = bool(idle)
+        self.capacity = checked_capacity(capacity, self.T, self.m)
+        if not self.idle:
+            check_room(self.capacity, self.T, self.n, self.m)
         if isinstance(dynamics, numbers.Real):
             dynamics = SwitchingCost(float(dynamics))
         self.dynamics = cast(Dynamics, dynamics)  # `adapt` checks that it is one
         self.initial_assignment = self._checked_initial(initial_assignment)
         self.agents = _labels(agents, self.n, "agents")
         self.tasks = _labels(tasks, self.m, "tasks")
-        self.model: Model = adapt(dynamics, self)
-        self._check_forbidden()
+        self.limits = checked_limits(limits)
+        self.rows: Rows = self._rows()
+        self.core: SAP = self if self.is_plain else cast(SAP, made_core(self))
+        self.model: Model = adapt(dynamics, self) if self.is_plain else self.core.model
+        self.core.check_forbidden()
 
     @classmethod
     def with_idle_tasks(
@@ -112,17 +142,31 @@ class SAP:
     def __repr__(self) -> str:
         return f"SAP(T={self.T}, n={self.n}, m={self.m}, {self.dynamics!r})"
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether every agent takes one task, every task one agent, and nothing else is asked of a plan."""
+        return self.capacity is None and not self.idle and not self.limits
+
     def initial_state(self) -> Any:
         """State before the first step."""
-        return self.model.initial_state(self)
+        return self.model.initial_state(self.core)
 
     def handover(self, k: int, state: Any) -> FloatArray:
         """Handover matrix eta(s_k), shape ``(n, m)``."""
-        return checked_handover(self.model.handover(k, state), k, self.n, self.m)
+        core = self.core
+        return checked_handover(self.model.handover(k, state), k, self.n, core.m)[:, : self.m]
 
     def transition(self, k: int, state: Any, assignment: IntArray) -> Any:
         """State after `assignment` was held at step k."""
-        return self.model.transition(k, state, assignment)
+        return self.model.transition(k, state, self.placed(assignment) if self.idle else assignment)
+
+    def placed(self, plan: IntArray) -> IntArray:
+        """A plan or assignment with the last place of `core` for holding nothing, instead of -1."""
+        return np.where(plan < 0, self.m, plan) if self.idle else plan
+
+    def unplaced(self, plan: IntArray) -> IntArray:
+        """Undo `placed`."""
+        return np.where(plan >= self.m, -1, plan) if self.idle else plan
 
     def beta_hat(self, k: int, state: Any) -> FloatArray:
         """State-dependent benefits of step k, shape ``(n, m)``: benefits plus handover matrix (thesis, section 3.1)."""
@@ -143,15 +187,18 @@ class SAP:
         Raises
         ------
         ValueError
-            If the plan has a wrong shape, a task out of range, a task given to two agents, or a forbidden pair.
+            If the plan has a wrong shape, a task out of range, a task given to more agents than may hold it, or a
+            forbidden pair, or if it breaks a hard limit.
         """
         tasks = self.check_plan(plan)
-        held = self.benefits.at(tasks)
+        core = self.core
+        places = self.placed(tasks)
+        held = core.benefits.at(places)
         eta = np.empty((self.T, self.n))
         state = self.initial_state()
         for k in range(self.T):
-            eta[k] = self.model.handover_at(k, state, tasks[k])
-            state = self.transition(k, state, tasks[k])
+            eta[k] = self.model.handover_at(k, state, places[k])
+            state = self.model.transition(k, state, places[k])
         forbidden = np.argwhere(~(np.isfinite(held) & np.isfinite(eta)))
         if len(forbidden):
             k, i = (int(x) for x in forbidden[0])
@@ -163,12 +210,25 @@ class SAP:
             if self.initial_assignment is None
             else np.vstack([self.initial_assignment, tasks[:-1]])
         )
-        handovers = int((tasks[len(tasks) - len(previous) :] != previous).sum())
+        changed = tasks[len(tasks) - len(previous) :] != previous
+        handovers = int((changed & (tasks[len(tasks) - len(previous) :] >= 0)).sum())
         try:
             value = math.fsum(held.ravel()) + math.fsum(eta.ravel())
+            score = Evaluation(value, held.sum(axis=1), eta.sum(axis=1), handovers)
+            return self._within_limits(score, places) if self.limits else score
         except OverflowError:
             raise ValueError("benefits and handovers are so large that their sum overflows") from None
-        return Evaluation(value, held.sum(axis=1), eta.sum(axis=1), handovers)
+
+    def _within_limits(self, score: Evaluation, places: IntArray) -> Evaluation:
+        """A score with what limits and teams add to it, or a ValueError where a hard limit is broken."""
+        rows, initial = self.rows, self.core.initial_assignment
+        use = rows.use(places, initial)
+        broken = rows.broken(places, initial, use)
+        if broken:
+            raise ValueError(f"plan: {broken}")
+        cost, earned = rows.cost(use), rows.earned(places)
+        value = score.value + math.fsum(earned) - math.fsum(cost)
+        return replace(score, value=value, limits=rows.uses(use), teams=math.fsum(earned))
 
     def check_plan(self, plan: Any) -> IntArray:
         """The plan as an int64 array, or a ValueError that says what is wrong with it."""
@@ -188,11 +248,16 @@ class SAP:
 
     def _check_tasks(self, tasks: IntArray, first: int) -> None:
         """Check the tasks (steps, n) of the steps from `first` on."""
-        if tasks.min() < 0 or tasks.max() >= self.m:
-            k, i = (int(x) for x in np.argwhere((tasks < 0) | (tasks >= self.m))[0])
+        lowest = -1 if self.idle else 0
+        if tasks.min() < lowest or tasks.max() >= self.m:
+            k, i = (int(x) for x in np.argwhere((tasks < lowest) | (tasks >= self.m))[0])
+            hint = "; -1, for holding nothing, needs a problem with idle=True" if tasks[k, i] == -1 else ""
             raise ValueError(
-                f"plan: task {tasks[k, i]} of agent {i} at step {first + k} is outside 0..{self.m - 1}"
+                f"plan: task {tasks[k, i]} of agent {i} at step {first + k} is outside {lowest}..{self.m - 1}{hint}"
             )
+        if self.capacity is not None or self.idle:
+            self._check_capacity(tasks, first)
+            return
         ordered = np.sort(tasks, axis=1)
         twice = np.argwhere(ordered[:, 1:] == ordered[:, :-1])
         if len(twice):
@@ -200,6 +265,20 @@ class SAP:
             task = int(ordered[k, twice[0, 1]])
             agents = ", ".join(map(str, np.flatnonzero(tasks[k] == task)))
             raise ValueError(f"plan: task {task} is given to agents {agents} at step {first + k}")
+
+    def _check_capacity(self, tasks: IntArray, first: int) -> None:
+        room = self.capacity
+        if room is None:
+            room = np.ones((self.T, self.m), dtype=np.int64)
+        over = overfull(tasks, room[first : first + len(tasks)])
+        if over is not None:
+            k, j = over
+            agents = ", ".join(map(str, np.flatnonzero(tasks[k] == j)))
+            if room[first + k, j] == 1:
+                raise ValueError(f"plan: task {j} is given to agents {agents} at step {first + k}")
+            raise ValueError(
+                f"plan: task {j} is given to agents {agents} at step {first + k}; its capacity is {room[first + k, j]}"
+            )
 
     @cached_property
     def fingerprint(self) -> str:
@@ -213,7 +292,14 @@ class SAP:
             If the dynamics is user-defined and does not tell.
         """
         shape = (self.T, self.n, self.m)
-        return fingerprint(shape, self.benefits.flat(), self.initial_assignment, self.dynamics)
+        meta, arrays = described_limits(self.limits)
+        if self.capacity is not None:
+            arrays["capacity"] = self.capacity
+        if self.idle:
+            meta["idle"] = True
+        return fingerprint(
+            shape, self.benefits.flat(), self.initial_assignment, self.dynamics, (meta, arrays)
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the problem to an ``.npz`` file (sparse or dense, as it is).
@@ -237,6 +323,13 @@ class SAP:
             arrays["dense"] = self.benefits.dense() + 0.0  # no negative zeros: equal problems, equal files
         if self.initial_assignment is not None:
             arrays["initial_assignment"] = self.initial_assignment
+        if self.capacity is not None:
+            arrays["capacity"] = self.capacity
+        if self.idle:
+            meta["idle"] = True
+        more, weights = described_limits(self.limits)
+        meta |= more
+        arrays |= weights
         write_npz(path, meta, arrays)
 
     @classmethod
@@ -248,7 +341,7 @@ class SAP:
         ValueError
             If the file is damaged or holds something else.
         """
-        meta, arrays = read_npz(path, _FORMAT, _ENTRIES, _MOST_BYTES, prefix="dynamics.")
+        meta, arrays = read_npz(path, _FORMAT, _ENTRIES, _MOST_BYTES, prefix=("dynamics.", "limit."))
         try:
             if "dense" in arrays:
                 benefits = Benefits(arrays["dense"])
@@ -258,6 +351,7 @@ class SAP:
                 )
             return cls(
                 benefits, rebuilt(meta, arrays), arrays.get("initial_assignment"),
+                capacity=arrays.get("capacity", 1), idle=meta.get("idle", False), limits=rebuilt_limits(meta, arrays),
                 agents=meta["agents"], tasks=meta["tasks"],
             )  # fmt: skip
         except (KeyError, TypeError, OverflowError, MemoryError) as error:
@@ -269,17 +363,42 @@ class SAP:
         tasks = index_array(initial, "initial_assignment")
         if tasks.shape != (self.n,):
             raise ValueError(f"initial_assignment must have shape (n,) = ({self.n},), got {tasks.shape}")
-        if tasks.min() < 0 or tasks.max() >= self.m:
-            raise ValueError(f"initial_assignment holds a task outside 0..{self.m - 1}")
-        values, counts = np.unique(tasks, return_counts=True)
-        if (counts > 1).any():
-            raise ValueError(f"initial_assignment gives task {values[counts > 1][0]} to two agents")
+        if tasks.min() < (-1 if self.idle else 0) or tasks.max() >= self.m:
+            raise ValueError(
+                f"initial_assignment holds a task outside {-1 if self.idle else 0}..{self.m - 1}"
+            )
+        values, counts = np.unique(tasks[tasks >= 0], return_counts=True)
+        room = np.ones(self.m, dtype=np.int64) if self.capacity is None else self.capacity.max(axis=0)
+        over = np.flatnonzero(counts > room[values])
+        if len(over):
+            task, most = values[over[0]], room[values[over[0]]]
+            raise ValueError(
+                f"initial_assignment gives task {task} to two agents" if most == 1 else
+                f"initial_assignment gives task {task} to {counts[over[0]]} agents, its capacity is {most}"
+            )  # fmt: skip
         return tasks
 
-    def _check_forbidden(self) -> None:
+    def _rows(self) -> Rows:
+        if not self.limits:
+            return no_rows((self.T, self.n, self.m + self.idle), self.m if self.idle else -1)
+        return compiled(
+            self.limits,
+            self.benefits,
+            self.idle,
+            self.initial_assignment,
+            self.agents,
+            self.tasks,
+            self.capacity,
+        )
+
+    def check_forbidden(self) -> None:
+        """Refuse a step at which forbidden pairs leave no full assignment."""
         if self.benefits.forbids():
             for k in range(self.T):
-                reason = explain_infeasible(~np.isneginf(dense_step(self.benefits.step(k))))
+                allowed = ~np.isneginf(dense_step(self.benefits.step(k)))
+                if self.capacity is not None:
+                    allowed = np.repeat(allowed, np.minimum(self.capacity[k], self.n), axis=1)
+                reason = explain_infeasible(allowed)
                 if reason:
                     raise ValueError(f"benefits at step {k}: {reason}; allow more pairs or append idle tasks")
 

@@ -27,10 +27,16 @@ from sapopt.problem.sap import SAP
 from sapopt.proofs.guarantees import guarantee
 from sapopt.proofs.plain import check_local_model, handover_weight, plain_bound, plain_value
 from sapopt.proofs.plain_guarantee import plain_guarantee
+from sapopt.proofs.plain_limits import limited_bound, limited_value, limited_weight
 from sapopt.proofs.promises import Guarantee
 
 _FORMAT = "sapopt-certificate-1"
-_ENTRIES = {"plan": Entry("iu", (None, None)), "prices": Entry("f", (None, None))}
+_ENTRIES = {
+    "plan": Entry("iu", (None, None)),
+    "prices": Entry("f", (None, None)),
+    "limit_prices": Entry("f", (None,), optional=True),
+    "team_prices": Entry("f", (None,), optional=True),
+}
 _MOST_BYTES = 512 * 2**20
 """Most bytes of plan and prices together in a file: 1000 steps of 30 000 agents and tasks."""
 _SPARE = 8.0 * float(np.finfo(np.float64).eps)
@@ -54,11 +60,18 @@ class Bound:
         Task prices mu >= 0 that prove it; None for a bound that needs none.
     method : str
         How it was proven.
+    limit_prices : ndarray, shape (rows,), or None
+        Multipliers of the limits, one for each row of ``problem.rows``: positive for ``at_most``, negative for
+        ``at_least``. What one unit more of the limit is worth at most, nearly.
+    team_prices : ndarray, shape (teams,), or None
+        What a team pays each of its helpers, for every team and step.
     """
 
     value: float
     prices: FloatArray | None = field(default=None, repr=False)
     method: str = ""
+    limit_prices: FloatArray | None = field(default=None, repr=False)
+    team_prices: FloatArray | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +93,8 @@ class Certificate:
         What is promised a priori (theorem 3.5.1 and the refined ratio), and for which algorithms.
     solver : str
         Method that found the plan.
+    limit_prices, team_prices : ndarray
+        Multipliers of limits and teams; empty where the problem has none.
     """
 
     value: float
@@ -89,6 +104,8 @@ class Certificate:
     fingerprint: str
     guarantee: Guarantee = field(repr=False)
     solver: str = ""
+    limit_prices: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    team_prices: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
     def gap(self) -> float:
@@ -118,7 +135,12 @@ class Certificate:
             "format": _FORMAT, "value": self.value, "bound": self.bound, "fingerprint": self.fingerprint,
             "solver": self.solver, "guarantee": asdict(self.guarantee), "digest": self._digest(),
         }  # fmt: skip
-        write_npz(path, meta, {"plan": self.plan, "prices": self.prices})
+        arrays = {"plan": self.plan, "prices": self.prices}
+        arrays |= {name: array for name, array in self._more().items() if len(array)}
+        write_npz(path, meta, arrays)
+
+    def _more(self) -> dict[str, FloatArray]:
+        return {"limit_prices": self.limit_prices, "team_prices": self.team_prices}
 
     @classmethod
     def load(cls, path: str | Path) -> Certificate:
@@ -138,6 +160,7 @@ class Certificate:
             out = cls(
                 _number(meta["value"], "value"), _number(meta["bound"], "bound"), arrays["plan"], arrays["prices"],
                 str(meta["fingerprint"]), Guarantee.from_dict(meta["guarantee"]), str(meta["solver"]),
+                arrays.get("limit_prices", np.zeros(0)), arrays.get("team_prices", np.zeros(0)),
             )  # fmt: skip
             digest = meta["digest"]
         except (KeyError, TypeError, AttributeError) as error:
@@ -152,13 +175,21 @@ class Certificate:
         promised = json.dumps(asdict(self.guarantee), sort_keys=True, default=float)
         said = (_FORMAT, float(self.value), float(self.bound), self.fingerprint, self.solver, promised)
         digest = hashlib.sha256(repr(said).encode("utf-8", "backslashreplace"))
-        for array in (self.plan, self.prices):
+        more = [array for array in self._more().values() if len(array)]
+        for array in (self.plan, self.prices, *more):
             digest.update(repr((array.shape, array.dtype.str)).encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
 
-def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") -> Certificate:
+def prove(
+    problem: SAP,
+    plan: IntArray,
+    prices: FloatArray,
+    solver: str = "",
+    limit_prices: FloatArray | None = None,
+    team_prices: FloatArray | None = None,
+) -> Certificate:
     """Make the certificate of a plan and prices; both claims are computed from the definitions.
 
     Parameters
@@ -169,6 +200,8 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
         Finite, not negative.
     solver : str
         Method that found the plan.
+    limit_prices, team_prices : ndarray, optional
+        Multipliers of limits and teams; zero by default.
 
     Raises
     ------
@@ -176,8 +209,14 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
         If the plan is not feasible, the prices prove nothing, or the dynamics is user-defined and has no
         ``fingerprint``.
     """
-    proven = _proven(problem, plan, prices, solver, guarantee)
-    spare = _SPARE * handover_weight(problem, proven.plan, proven.prices)
+    count, teams = problem.rows.count, len(problem.rows.team_cell)
+    y = np.zeros(count) if limit_prices is None else limit_prices
+    more = (y, np.zeros(teams) if team_prices is None else team_prices)
+    proven = _proven(problem, plan, prices, solver, guarantee, more)
+    spare = _SPARE * (
+        handover_weight(problem, proven.plan, proven.prices) if problem.is_plain
+        else limited_weight(problem, proven.plan)
+    )  # fmt: skip
     return replace(
         proven,
         value=proven.value if spare == 0 else math.nextafter(proven.value - spare, -math.inf),
@@ -186,21 +225,33 @@ def prove(problem: SAP, plan: IntArray, prices: FloatArray, solver: str = "") ->
 
 
 def _proven(
-    problem: SAP, plan: IntArray, prices: FloatArray, solver: str, promise: Callable[[SAP], Guarantee]
+    problem: SAP,
+    plan: IntArray,
+    prices: FloatArray,
+    solver: str,
+    promise: Callable[[SAP], Guarantee],
+    more: tuple[FloatArray, FloatArray],
 ) -> Certificate:
-    """What plan and prices prove on this machine, and what `promise` promises."""
+    """What plan, prices and the prices of limits and teams prove on this machine, and what `promise` promises."""
     try:
-        value = plain_value(problem, plan)
-        bound = plain_bound(problem, prices)
+        if problem.is_plain:
+            value = plain_value(problem, plan)
+            bound = plain_bound(problem, prices)
+        else:
+            value = limited_value(problem, plan)
+            bound = limited_bound(problem, prices, *more)
         if is_own(problem.dynamics):
-            check_local_model(problem, np.asarray(plan))
+            check_local_model(problem.core, problem.placed(np.asarray(plan)))
         fingerprint = problem.fingerprint
         promised = promise(problem)
     except ValueError as error:
         raise CertificateError(str(error)) from None
     plan = np.asarray(plan).astype(np.int64)
     mu = np.asarray(prices, dtype=np.float64)
-    return Certificate(value, bound, plan, mu, fingerprint, promised, solver)
+    return Certificate(
+        value, bound, plan, mu, fingerprint, promised, solver,
+        *(np.asarray(values, dtype=np.float64) for values in more),
+    )  # fmt: skip
 
 
 def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
@@ -232,7 +283,10 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
     if isinstance(certificate, Certificate):
         claim = certificate
     else:
-        sizes = {"plan": (problem.T, problem.n), "prices": (problem.T, problem.m)}
+        sizes: dict[str, tuple[int, ...]] = {
+            "plan": (problem.T, problem.n), "prices": (problem.T, problem.m),
+            "limit_prices": (problem.rows.count,), "team_prices": (len(problem.rows.team_cell),),
+        }  # fmt: skip
         claim = Certificate._read(
             certificate, {name: replace(entry, shape=sizes[name]) for name, entry in _ENTRIES.items()}
         )
@@ -248,7 +302,8 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
     if not isinstance(claim.guarantee, Guarantee):
         raise CertificateError("the certificate holds no guarantee")
     value, bound = _number(claim.value, "value"), _number(claim.bound, "bound")
-    proven = _proven(problem, claim.plan, claim.prices, claim.solver, plain_guarantee)
+    more = (claim.limit_prices, claim.team_prices)
+    proven = _proven(problem, claim.plan, claim.prices, claim.solver, plain_guarantee, more)
     if not value <= proven.value:
         raise CertificateError(f"the plan is worth {proven.value!r}, not the claimed {value!r}")
     if not bound >= proven.bound:

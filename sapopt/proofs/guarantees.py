@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from sapopt.data.benefits import dense_step
 from sapopt.problem.sap import SAP
 from sapopt.proofs.conditions import conditions, handover_range
-from sapopt.proofs.promises import Guarantee
+from sapopt.proofs.promises import Guarantee, nothing_promised
 
 
 def guarantee(problem: SAP) -> Guarantee:
@@ -38,6 +38,8 @@ def guarantee(problem: SAP) -> Guarantee:
     -------
     Guarantee
     """
+    if not problem.is_plain:
+        return nothing_promised(problem.benefits.forbids())
     spans = [_span(problem, k) for k in range(problem.T)]
     least = float(min(low for low, _ in spans))
     handovers = handover_range(problem)

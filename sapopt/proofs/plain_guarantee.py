@@ -20,7 +20,7 @@ from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.base import Switching
 from sapopt.problem.sap import SAP
-from sapopt.proofs.promises import CLOSE, ENUMERATED, Answer, Conditions, Guarantee, hamming
+from sapopt.proofs.promises import CLOSE, ENUMERATED, Answer, Conditions, Guarantee, hamming, nothing_promised
 
 _EPS = float(np.finfo(np.float64).eps)
 _PROVEN = 1e-12
@@ -43,6 +43,8 @@ def plain_guarantee(problem: SAP) -> Guarantee:
     ValueError
         If the extreme assignment of a step cannot be proven to be one.
     """
+    if not problem.is_plain:
+        return nothing_promised(problem.benefits.forbids())
     T, n = problem.T, problem.n
     spans = [_span(problem, k) for k in range(T)]
     smallest = min(_smallest(problem, k) for k in range(T))

@@ -45,6 +45,8 @@ class Conditions:
         it for granted.
     all_allowed : {"yes", "no"}
         No pair is forbidden. Otherwise an agent may be unable to stay, and the theorem says nothing.
+    one_each : {"yes", "no"}
+        Every agent takes one task, every task one agent, and there are no limits.
     """
 
     vanishing: Answer
@@ -52,11 +54,14 @@ class Conditions:
     domination: float
     fair_start: Answer
     all_allowed: Answer
+    one_each: Answer = "yes"
 
     @property
     def broken(self) -> str:
         """What keeps the theorem from applying, in words; empty if nothing does."""
         reasons = []
+        if self.one_each != "yes":
+            return "the theorem is about one task for each agent and one agent for each task, without limits"
         if self.all_allowed != "yes":
             reasons.append("some pairs are forbidden, so that an agent may be unable to stay")
         for answer, what in (
@@ -219,3 +224,15 @@ def _length(state: Any) -> float:
 
 def _equal(one: Any, other: Any) -> bool:
     return bool(np.array_equal(one, other)) if np.ndim(one) or np.ndim(other) else bool(one == other)
+
+
+def nothing_promised(forbids: bool) -> Guarantee:
+    """The guarantee of a problem with capacities, idleness or limits, which the theorem is not about: none.
+
+    Parameters
+    ----------
+    forbids : bool
+        Whether a pair is forbidden.
+    """
+    unknown = Conditions("unknown", "unknown", math.nan, "unknown", "no" if forbids else "yes", "no")
+    return Guarantee(math.nan, math.nan, math.nan, math.nan, 0.0, 0.0, unknown)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -19,6 +19,7 @@ from sapopt.dynamics.base import Model
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Expired, Run
+from sapopt.running.steps import Ledger, StepRules
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +56,8 @@ class Outlook:
     allowance : float
         Seconds that this step may take if the steps left share the time left evenly; infinite without a time limit. A
         policy that gets better the longer it thinks keeps to a multiple of it rather than be cut off.
+    rules : StepRules or None
+        What capacities and limits allow at this step; None where every task takes one agent and there are no limits.
     """
 
     k: int
@@ -65,6 +68,7 @@ class Outlook:
     parking: IntArray
     check: Callable[[], None] = _never
     allowance: float = np.inf
+    rules: StepRules | None = None
 
     @property
     def model(self) -> Model:
@@ -113,9 +117,25 @@ class Outlook:
         return self.interval(self.k, self.k + 1, self.state)
 
     def assign(self, matrix: Matrix) -> IntArray:
-        """Alpha of a matrix for the current step."""
+        """Alpha of a matrix for the current step; within capacities and limits, where there are some."""
+        return self.alpha(matrix, self.k, self.k + 1)
+
+    def alpha(self, matrix: Matrix, start: int, stop: int, parking: IntArray | None = None) -> IntArray:
+        """Alpha of a matrix for the steps ``start .. stop - 1``.
+
+        Limits count at the current step alone: only its assignment is executed.
+
+        Raises
+        ------
+        InfeasibleError
+            If there is no such assignment.
+        """
+        order = self.parking if parking is None else parking
         try:
-            return best_assignment(matrix, self.parking).tasks
+            if self.rules is not None:
+                dense = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix
+                return self.rules.assign(dense, start, stop)
+            return best_assignment(matrix, order).tasks
         except InfeasibleError as error:
             raise InfeasibleError(f"step {self.k}: {error}") from None
 
@@ -181,6 +201,7 @@ def rollout(
     state = problem.initial_state()
     parking = np.arange(problem.m)
     plan = np.empty((problem.T, problem.n), dtype=np.int64)
+    ledger = None if problem.is_plain else Ledger(problem)
     trace: list[dict[str, Any]] = []
     total = 0.0
     status = Status.FEASIBLE
@@ -197,8 +218,12 @@ def rollout(
             began = run.seconds
             allowance = run.seconds_left / (problem.T - k)
             outlook = Outlook(k, windows.end, state, problem, windows, parking, run.check, allowance)
+            if ledger is not None:
+                outlook = replace(outlook, rules=ledger.rules(k))
             tasks, memory = policy.act(outlook, memory)
             plan[k] = problem.check_assignment(tasks, k)
+            if ledger is not None:
+                ledger.enter(k, plan[k])
             gain = _step_value(problem, k, state, plan[k])
             total += gain
             done, state = k + 1, problem.transition(k, state, plan[k])
@@ -214,7 +239,7 @@ def rollout(
         log.warning(
             "%s ended at step %d of %d; the last assignment is kept from there", policy.name, done, problem.T
         )
-        _hold(problem, plan, done, state)
+        _hold(problem, plan, done, state, ledger)
     return Rollout(plan, status, trace)
 
 
@@ -233,11 +258,18 @@ def _step_value(problem: SAP, k: int, state: Any, tasks: IntArray) -> float:
     return float(held.sum() + problem.model.handover_at(k, state, tasks).sum())
 
 
-def _hold(problem: SAP, plan: IntArray, first: int, state: Any) -> None:
+def _hold(problem: SAP, plan: IntArray, first: int, state: Any, ledger: Ledger | None) -> None:
     """Fill the steps from `first` on at no cost of thought."""
     order = np.arange(problem.m)
     previous = plan[first - 1] if first else problem.initial_assignment
     for k in range(first, problem.T):
+        if ledger is not None:  # what was right at one step may break a limit at the next
+            windows = WindowSums(problem.benefits.slice(k, k + 1), first=k)
+            outlook = Outlook(k, k + 1, state, problem, windows, order, rules=ledger.rules(k))
+            plan[k] = outlook.assign(outlook.beta_hat())
+            ledger.enter(k, plan[k])
+            state = problem.transition(k, state, plan[k])
+            continue
         if previous is None or not np.isfinite(_step_value(problem, k, state, previous)):
             windows = WindowSums(problem.benefits.slice(k, k + 1), first=k)
             outlook = Outlook(k, k + 1, state, problem, windows, order)

@@ -29,6 +29,8 @@ class Outcome:
         Task prices that prove the bound.
     trace : list of dict
         One record per iteration.
+    limit_prices, team_prices : ndarray or None
+        The rest of the proof, where the problem has limits and teams (`sapopt.proofs.certificate.Bound`).
     """
 
     plan: IntArray
@@ -36,6 +38,8 @@ class Outcome:
     bound: float | None = None
     prices: FloatArray | None = None
     trace: list[dict[str, Any]] = field(default_factory=list)
+    limit_prices: FloatArray | None = None
+    team_prices: FloatArray | None = None
 
 
 @runtime_checkable
@@ -51,6 +55,27 @@ class Planner(Protocol):
 
 
 Solver = Policy | Planner
+
+
+EXTRAS = frozenset({"capacity", "idle", "limits", "teams"})
+"""What a problem may ask for beyond the thesis' model."""
+
+
+@runtime_checkable
+class Extended(Protocol):
+    """A solver that takes problems with capacities, idleness, limits or teams, and says which of them."""
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """Of `EXTRAS`."""
+
+
+def untaken(problem: SAP, solver: Any) -> list[str]:
+    """What a problem asks for and a solver does not take."""
+    asked = {"capacity": problem.capacity is not None, "idle": problem.idle,
+             "limits": bool(problem.rows.count), "teams": bool(len(problem.rows.team_cell))}  # fmt: skip
+    takes = solver.takes if isinstance(solver, Extended) else frozenset()
+    return [name for name, is_asked in asked.items() if is_asked and name not in takes]
 
 
 @runtime_checkable

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from sapopt.data.matrices import GainMatrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
+from sapopt.solvers.base import EXTRAS
+from sapopt.solvers.limited.greedy import greedily_chosen, greedily_held
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Greedy:
     J. Holder, MSc thesis, University of Washington, 2024, section 4.1, "Greedy (GA)".
     """
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+
     @property
     def name(self) -> str:
         """Name."""
@@ -39,6 +44,9 @@ class Greedy:
 
     def act(self, outlook: Outlook, memory: IntArray | None) -> tuple[IntArray, IntArray]:
         """Keep what is in view, choose the best for the others."""
+        if outlook.rules is not None:
+            kept = greedily_held(outlook, memory)
+            return kept, kept
         step = outlook.benefits(1).step(0)
         allowed = _allowed(outlook)
         n, m = outlook.problem.n, outlook.problem.m
@@ -68,6 +76,8 @@ class MyopicGreedy:
     `Greedy`, an agent leaves a task in its view as soon as another one is worth more than the handover.
     """
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+
     @property
     def name(self) -> str:
         """Name."""
@@ -80,6 +90,8 @@ class MyopicGreedy:
     def act(self, outlook: Outlook, memory: None) -> tuple[IntArray, None]:
         """Choose agent by agent from beta_hat of the current step."""
         matrix = outlook.beta_hat()
+        if outlook.rules is not None:
+            return greedily_chosen(outlook, matrix), None
         if isinstance(matrix, GainMatrix):
             return _myopic_sparse(matrix, outlook), None
         return _myopic_dense(matrix, outlook), None

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from sapopt.data.assignment import best_assignment
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import value_of
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
-from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.base import EXTRAS, check_lookahead
 from sapopt.solvers.haal_tree import CompiledTree
 
 Parking = Literal["lowest", "lookahead"]
@@ -110,6 +109,9 @@ class HAAL:
         if self.parking not in ("lowest", "lookahead"):
             raise ValueError(f"parking must be 'lowest' or 'lookahead', got {self.parking!r}")
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+    """Of what a problem may ask for; limits as `sapopt.running.steps` says."""
+
     @property
     def name(self) -> str:
         """Name with options."""
@@ -145,6 +147,8 @@ class HAAL:
         """The step's assignment by the compiled search; None where it does not apply."""
         if memory.uncompiled or self.keep_plan or self.lookahead == 1:  # one interval needs no search
             return None
+        if outlook.rules is not None:  # it knows one task for each agent, and no limits
+            return None
         if memory.tree is None:
             memory.tree = CompiledTree.of(outlook, self.lookahead)
         first = None
@@ -162,6 +166,8 @@ class HAAL:
         """The step's assignment for any dynamics."""
         if self.parking == "lookahead":
             memory.solved.clear()
+        if outlook.rules is not None:
+            memory.solved.clear()  # what they allow changes from step to step
         for key in [key for key in memory.solved if key[0] < outlook.k]:
             del memory.solved[key]
         stop = min(outlook.k + self.lookahead, outlook.end)
@@ -229,10 +235,16 @@ class _Search:
         k, state = self.outlook.k, self.outlook.state
         out: list[IntArray] = []
         value = 0.0
+        if plan and self.outlook.rules is not None and not self.outlook.rules.allows(plan[0]):
+            return [], -np.inf
         while plan and k < self.stop:
             matrix = self.outlook.interval(k, k + 1, state)
             try:
-                tasks = plan[len(out)] if len(out) < len(plan) else best_assignment(matrix, self.order).tasks
+                tasks = (
+                    plan[len(out)]
+                    if len(out) < len(plan)
+                    else self.outlook.alpha(matrix, k, k + 1, self.order)
+                )
             except InfeasibleError:
                 return [], -np.inf
             value += value_of(matrix, tasks)
@@ -267,7 +279,7 @@ class _Search:
         self.memory.assignment_problems += 1
         matrix = (self.outlook.interval if self.exact_intervals else self.outlook.entered)(start, stop, state)
         try:
-            tasks = best_assignment(matrix, self.order).tasks
+            tasks = self.outlook.alpha(matrix, start, stop, self.order)
             gains, after = self.outlook.played(start, stop, state, tasks)
             solved = Solved(tasks, float(gains.sum()), after)
         except InfeasibleError:
@@ -287,6 +299,8 @@ class HAA:
     """
 
     parking: Parking = "lowest"
+
+    takes: ClassVar[frozenset[str]] = EXTRAS
 
     @property
     def name(self) -> str:

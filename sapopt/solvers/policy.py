@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sapopt.data.matrices import Matrix, checked_matrix
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
+from sapopt.solvers.base import EXTRAS
 
 Generator = Callable[[Outlook], Any]
 """``generator(outlook)`` returns an ``(n, m)`` matrix: array, sparse matrix or GainMatrix."""
@@ -67,6 +68,7 @@ class AssignmentPolicy:
     """
 
     generator: Generator
+    takes: ClassVar[frozenset[str]] = EXTRAS
 
     def __post_init__(self) -> None:
         if not callable(self.generator):
@@ -98,6 +100,8 @@ class AssignmentPolicy:
 @dataclass(frozen=True)
 class NoHandover:
     """Assign the static benefits at every step as if changing task were free (thesis, section 4.1: alpha(beta))."""
+
+    takes: ClassVar[frozenset[str]] = EXTRAS
 
     @property
     def name(self) -> str:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,6 +87,7 @@ class Battery(Model):
 
     handover_limit = 0.0
     """Largest entry that the handover matrix can have."""
+    idles_freely: ClassVar[bool] = True
 
     cost: float
     drain: float = 0.2

@@ -55,6 +55,7 @@ class AgentLocal(Model):
 
     benefits: Benefits | None = field(default=None, repr=False, kw_only=True)
     agents_alike = False
+    idles_freely: ClassVar[bool] = True
     extended_by: ClassVar[frozenset[str]] = frozenset({"start", "rule", "agents_alike"})
     """All that is said here is derived by calling these."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,13 +19,14 @@ from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.running.outlook import rollout
-from sapopt.solvers.base import Outcome, gap_unit
+from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
 from sapopt.solvers.dual_decomposition.plans import REPRICED, Found, PlanBuilder, Reprice, path_sweeps
 from sapopt.solvers.dual_decomposition.repricing import repriced
 from sapopt.solvers.haal import HAA
+from sapopt.solvers.limited.planner import plan_limited
 
 _DUAL_SHARE = 0.35
 """Share of a time limit after which the first ascent yields to the search for plans."""
@@ -102,8 +103,12 @@ class DualDecomposition:
         """Name."""
         return "DualDecomposition"
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
+        if not problem.is_plain:
+            return plan_limited(problem, run, self.tolerance, self.name)
         largest = max(largest_benefits(problem))
         # The plans over the network hold numbers in single precision and compare them to the ninth decimal.
         is_usual = largest == 0.0 or _NETWORK_SIZES[0] <= largest <= _NETWORK_SIZES[1]

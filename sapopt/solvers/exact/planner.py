@@ -16,9 +16,10 @@ from sapopt.formulations.reduction import Formulation
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
-from sapopt.solvers.base import Outcome, gap_unit
+from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
 from sapopt.solvers.dual_decomposition import DualDecomposition
 from sapopt.solvers.exact import dp, infeasible, search, warm
+from sapopt.solvers.limited.planner import plan_limited
 
 log = logging.getLogger(__name__)
 
@@ -89,8 +90,15 @@ class Exact:
         """None, or the reason why the method does not take the problem."""
         return dp.refusal(problem) if self.method == "dp" else _FORMULATIONS[self.method].refusal(problem)
 
+    @property
+    def takes(self) -> frozenset[str]:
+        """Everything, by the network; the other methods are for the plain problem."""
+        return EXTRAS if self.method == "network" else frozenset()
+
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Solve the problem."""
+        if not problem.is_plain:
+            return plan_limited(problem, run, self.tolerance, self.name)
         reason = self.refusal(problem)
         if reason:
             raise ValueError(f"Exact(method={self.method!r}): {reason}")

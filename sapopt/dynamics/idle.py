@@ -1,0 +1,97 @@
+"""A dynamics with one place more, for agents that hold nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+
+from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.base import Model, Setting
+from sapopt.dynamics.paths.oracles import LocalModel
+
+
+class IdlePlace(Model):
+    """A model whose last task is idleness: going there is free, whatever the rule would charge.
+
+    Taking up a task from there is what the rule says of taking it up from a task of no benefit: for a switching cost,
+    a handover.
+
+    Parameters
+    ----------
+    inner : Model
+        Bound to benefits with a last task of zero benefit.
+    """
+
+    def __init__(self, inner: Model) -> None:
+        self.inner = inner
+        self.handover_limit = None if inner.handover_limit is None else max(0.0, inner.handover_limit)
+        self.handover_floor = inner.handover_floor
+
+    def __repr__(self) -> str:
+        return repr(self.inner)
+
+    @property
+    def called(self) -> str:
+        """Of the rule itself."""
+        return self.inner.called
+
+    @property
+    def interacts(self) -> bool:
+        """As the rule."""
+        return self.inner.interacts
+
+    @property
+    def is_agent_local(self) -> bool:
+        """Whether the rule has a local model to widen."""
+        return self.inner.is_agent_local
+
+    def initial_state(self, problem: Setting) -> Any:
+        """That of the rule."""
+        return self.inner.initial_state(problem)
+
+    def handover(self, k: int, state: Any) -> FloatArray:
+        """The rule's, with a last column of zeros."""
+        eta = np.array(self.inner.handover(k, state), dtype=np.float64)
+        eta[:, -1] = 0.0
+        return eta
+
+    def transition(self, k: int, state: Any, assignment: IntArray) -> Any:
+        """That of the rule."""
+        return self.inner.transition(k, state, assignment)
+
+    def interaction(self, k: int, assignments: IntArray) -> FloatArray:
+        """That of the rule."""
+        return self.inner.interaction(k, assignments)
+
+    def key(self, state: Any) -> Hashable:
+        """That of the rule."""
+        return self.inner.key(state)
+
+    def local_model(self, benefits: Any, state: Any) -> LocalModel | None:
+        """The rule's, with a last column of zeros."""
+        states = self.inner.local_model(benefits, state)
+        return None if states is None else _IdleStates(states)
+
+
+class _IdleStates:
+    """Local states whose last task costs nothing to go to."""
+
+    def __init__(self, inner: LocalModel) -> None:
+        self._inner = inner
+
+    def state_count(self) -> int:
+        """As many as before."""
+        return self._inner.state_count()
+
+    def start(self, agent: int) -> int:
+        """The same."""
+        return self._inner.start(agent)
+
+    def step(self, k: int, agent: int, benefit: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The same, with a last column of zeros."""
+        successor, handover = self._inner.step(k, agent, benefit)
+        eta = np.array(np.broadcast_to(handover, np.shape(handover)), dtype=np.float64)
+        eta[:, -1] = 0.0
+        return successor, eta

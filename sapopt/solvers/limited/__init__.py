@@ -1,0 +1,1 @@
+"""Plans of problems with capacities, idleness, limits and teams."""

@@ -1,0 +1,174 @@
+"""The planner of problems with capacities, limits and teams: prices first, then programmes over what they leave.
+
+The dual gives a bound and, for every arc of an agent's graph, how much a plan loses that uses it. A plan that uses an
+arc of loss d is worth at most the bound less d, so arcs of a loss above the gap cannot matter. Programmes over the arcs
+of small loss find plans; when the loss allowed has reached the gap, the plan is proven.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from sapopt.data.feasibility import InfeasibleError
+from sapopt.data.types import IntArray, root_mean_square
+from sapopt.formulations.highs import Ending, SolverError, maximise
+from sapopt.formulations.limited.ascent import Ascent
+from sapopt.formulations.limited.conflict import explain
+from sapopt.formulations.limited.dual import LimitedDual
+from sapopt.formulations.limited.graph import PathGraph, path_graph
+from sapopt.formulations.limited.programme import limited_programme
+from sapopt.kernels import clock
+from sapopt.problem.result import Status
+from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
+from sapopt.solvers.base import Outcome, gap_unit
+
+_DUAL_SHARE = 0.35
+"""Share of the time that the first ascent may take."""
+_FIRST_LOSS = 0.05
+"""Loss of the arcs of the first programme, relative to the typical gain; each further one takes four times as much."""
+_PROGRAMME_SHARE = 0.5
+"""Share of the time left that one programme may take, unless it is the last."""
+
+
+@dataclass
+class _Search:
+    """What is known so far."""
+
+    problem: SAP
+    run: Run
+    name: str
+    tolerance: float
+    best: IntArray | None = None
+    value: float = -np.inf
+    bound: float = np.inf
+    trace: list[dict[str, Any]] = field(default_factory=list)
+
+    def offer(self, plan: IntArray, phase: str) -> None:
+        """Keep a plan if it is the best; one that breaks a limit by rounding is none."""
+        try:
+            value = self.problem.evaluate(plan).value
+        except ValueError:
+            return
+        if value > self.value:
+            self.best, self.value = plan, value
+        self.note(phase)
+
+    def note(self, phase: str) -> None:
+        """A line for the trace."""
+        bound = float(self.bound) if np.isfinite(self.bound) else None
+        self.trace.append({"seconds": self.run.seconds, "phase": phase, "value": self.value, "bound": bound})
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether the gap is within the tolerance."""
+        return self.bound - self.value <= self.slack
+
+    @property
+    def slack(self) -> float:
+        """What the gap may be."""
+        return self.tolerance * max(gap_unit(self.problem), abs(self.value)) if self.best is not None else 0.0
+
+    def report(self, value: float, bound: float) -> bool:
+        """Tell of the run; whether it is to stop."""
+        best, least = max(self.value, value), min(self.bound, bound)
+        limit = self.run.time_limit or 0.0
+        return self.run.report(
+            self.run.seconds, limit, best, least if np.isfinite(least) else None, self.name
+        )
+
+
+def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome:
+    """Find a plan of a core problem (`SAP.core`), and prove it as far as time allows.
+
+    Parameters
+    ----------
+    problem : SAP
+    run : Run
+    tolerance : float
+        Relative gap at which a plan counts as optimal.
+    name : str
+        Of the method.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not agent-local, or its graph too large.
+    InfeasibleError
+        If no plan exists; names the limits that stand against each other.
+    SolverError
+        If time ended before any plan was found.
+    """
+    graph = path_graph(problem)
+    search = _Search(problem, run, name, tolerance)
+    if run.start is not None:
+        search.offer(run.start, "start")
+    seconds = _DUAL_SHARE * run.seconds_left
+    ascent = Ascent(
+        graph,
+        clock.now() + seconds,
+        lambda count, bound: search.report(-np.inf, bound),
+        search.value,
+        tolerance,
+    )
+    dual = ascent.run()
+    search.bound = dual.bound
+    search.note("prices")
+    if not np.isfinite(dual.bound):
+        raise InfeasibleError(explain(graph))
+    try:
+        _programmes(search, graph, dual)
+    except KeyboardInterrupt:
+        run.stopped = True
+    return _outcome(search, dual)
+
+
+def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
+    rows, run = search.problem.rows, search.run
+    loss = graph.through(graph.priced(dual.prices.effective(rows), dual.prices.limits))
+    allowed = _FIRST_LOSS * root_mean_square(graph.gain[graph.holds])
+    used = None if search.best is None else graph.follow(search.best)
+    while not search.is_proven and not run.expired:
+        gap = dual.bound - search.value
+        whole = allowed >= gap or bool((loss[np.isfinite(loss)] <= allowed).all())
+        keep = loss <= (gap if allowed >= gap else allowed)
+        if used is not None:
+            keep[used] = True
+        made = limited_programme(graph, keep)
+        answer = maximise(
+            made.programme, seconds=run.seconds_left if whole else _PROGRAMME_SHARE * run.seconds_left,
+            tolerance=search.tolerance, watch=search.report,
+            start=None if used is None else made.point(used),
+        )  # fmt: skip
+        before = search.value
+        if answer.x is not None:
+            search.offer(made.recover(answer.x), "programme")
+        inside = -np.inf if answer.ending is Ending.INFEASIBLE else answer.bound
+        outside = -np.inf if whole else dual.bound - allowed
+        search.bound = min(search.bound, max(inside, outside, search.value))
+        search.note("programme")
+        if whole and answer.ending is Ending.INFEASIBLE and search.best is None:
+            raise InfeasibleError(explain(graph))
+        if whole:
+            return
+        if search.value > before and search.best is not None:
+            used = graph.follow(search.best)
+        allowed *= 4.0
+
+
+def _outcome(search: _Search, dual: LimitedDual) -> Outcome:
+    run = search.run
+    if search.best is None:
+        raise SolverError(f"{search.name} found no plan in {run.seconds:.3g} s; give it more time")
+    if search.is_proven:
+        status = Status.OPTIMAL
+    elif run.stopped:
+        status = Status.INTERRUPTED
+    else:
+        status = Status.TIME_LIMIT if run.expired else Status.FEASIBLE
+    bound = float(max(search.bound, search.value)) if np.isfinite(search.bound) else None
+    outcome = Outcome(search.best, status, bound, dual.prices.tasks, search.trace)
+    return replace(outcome, limit_prices=dual.prices.limits, team_prices=dual.prices.teams)

@@ -1,0 +1,146 @@
+"""Solvers, bounds and certificates of problems with capacities, idleness, limits and teams, against brute force."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sapopt import SAP, CertificateError, InfeasibleError, Limit, Status, Team, bound, certify, solve, verify
+from sapopt.dynamics import Interference
+from sapopt.solvers import CBBA, HAA, HAAL, DualDecomposition, Exact, Greedy, MyopicGreedy, NoHandover
+from tests.limited_problems import LOCAL, Tiny, tiny
+
+POLICIES = (HAA(), HAAL(2), HAAL(3, keep_plan=True), Greedy(), MyopicGreedy(), NoHandover())
+
+
+def check(case: Tiny) -> None:
+    """Optimum, bound, certificate and plans of one problem."""
+    best, plan = case.optimum()
+    problem = case.problem
+    if plan is None:
+        with pytest.raises(InfeasibleError, match=r"no plan|no way"):
+            solve(problem, Exact())
+        return
+    assert bound(problem).value >= best - 1e-11
+    exact = solve(problem, Exact())
+    assert exact.status is Status.OPTIMAL
+    assert exact.value == pytest.approx(best, abs=1e-6)
+    decomposed = solve(problem, DualDecomposition())
+    assert decomposed.value >= best - 1e-4 * max(1.0, abs(best))
+    if type(problem.dynamics).__name__ != "Tiring":  # which has no fingerprint
+        certificate = certify(problem, exact)
+        assert certificate.value <= best + 1e-11
+        assert certificate.bound >= best - 1e-11
+        verify(certificate, problem)
+
+
+def check_policies(case: Tiny) -> None:
+    """Policies never break a limit; where they cannot go on, they say which limit is in the way."""
+    best, _ = case.optimum()
+    for policy in POLICIES:
+        try:
+            result = solve(case.problem, policy)
+        except ValueError as error:
+            assert "limit" in str(error) or "assignment" in str(error)  # noqa: PT017  # often there is no error
+            continue
+        value = case.value(result.plan.tolist())
+        assert value is not None
+        assert result.value == pytest.approx(value, abs=1e-8)
+        assert value <= best + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(35))
+def test_against_brute_force(seed: int) -> None:
+    """Optimum, bound and certificate agree with trying every plan."""
+    case = tiny(np.random.default_rng(seed), LOCAL[seed % len(LOCAL)], 200)
+    if case is not None:
+        check(case)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(1000, 4000, 100))
+def test_thousands_against_brute_force(first: int) -> None:
+    """The same for 3000 problems, of which some cannot be built."""
+    for seed in range(first, first + 100):
+        case = tiny(np.random.default_rng(seed), LOCAL[seed % len(LOCAL)], 600)
+        if case is not None:
+            check(case)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_policies_stay_within_limits(seed: int) -> None:
+    """Greedy, HAA, HAAL and the rest, on every kind of dynamics, a global one too."""
+    case = tiny(np.random.default_rng(seed), (*LOCAL, "dictator")[seed % (len(LOCAL) + 1)], 200)
+    if case is not None:
+        check_policies(case)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(1000, 4000, 100))
+def test_policies_stay_within_limits_thousands(first: int) -> None:
+    """The same for 3000 problems."""
+    for seed in range(first, first + 100):
+        case = tiny(np.random.default_rng(seed), (*LOCAL, "dictator")[seed % (len(LOCAL) + 1)], 300)
+        if case is not None:
+            check_policies(case)
+
+
+def test_contradicting_limits_are_named() -> None:
+    """An infeasible problem is refused with the limits that stand against each other, and with none that does not."""
+    limits = [
+        Limit.work(0, at_least=3, name="busy"),
+        Limit.once([0, 1], 1, name="look"),
+        Limit.handovers(9, name="calm"),
+    ]
+    problem = SAP(np.ones((4, 1, 2)), 0.0, idle=True, limits=limits)
+    with pytest.raises(InfeasibleError, match=r"busy\[0\] \(at_least=3\)") as told:
+        solve(problem, Exact())
+    assert "look[0]" in str(told.value)
+    assert "calm" not in str(told.value)
+
+
+def test_a_solver_that_cannot_says_so() -> None:
+    """A solver without the capability is refused before it starts, by name."""
+    problem = SAP(np.ones((2, 2, 2)), 0.0, capacity=2, limits=[Limit.once()])
+    with pytest.raises(ValueError, match=r"CBBA.* does not take problems with capacity and limits"):
+        solve(problem, CBBA(1))
+    with pytest.raises(ValueError, match=r"Exact\(milp\) does not take"):
+        solve(problem, Exact("milp"))
+    with pytest.raises(ValueError, match=r"not agent-local|local_model"):
+        bound(SAP(np.ones((2, 2, 2)), Interference([[0, 1]], 0.5), capacity=2))
+
+
+def test_a_policy_refuses_what_takes_several_steps() -> None:
+    """A hard limit that needs work over the horizon is for planners; with a penalty a policy pays."""
+    needs = Limit.work(0, at_least=1)
+    with pytest.raises(ValueError, match=r"'work\[0\]' needs something done over several steps"):
+        solve(SAP(np.ones((2, 2, 2)), 0.0, limits=[needs]), HAA())
+    assert (
+        solve(SAP(np.ones((2, 2, 2)), 0.0, limits=[Limit.work(0, at_least=1, penalty=3)]), HAA()).value == 4.0
+    )
+
+
+def test_covers_are_met_step_by_step() -> None:
+    """A policy leaves what it gains more from, where a cover of the step needs it."""
+    benefits = np.zeros((3, 2, 3))
+    benefits[:, :, 1:] = 1.0
+    result = solve(SAP(benefits, 0.1, limits=[Limit.cover([0], 1)]), HAA())
+    assert (result.plan == 0).sum(axis=1).tolist() == [1, 1, 1]
+
+
+def test_changed_certificates_fail() -> None:
+    """A multiplier above a penalty, a better bound, and another problem's limits are refused."""
+    rng = np.random.default_rng(0)
+    limits = [Limit.once(penalty=0.3), Team(0, 2, 0.4)]
+    problem = SAP(rng.random((3, 2, 2)), 0.2, capacity=2, idle=True, limits=limits)
+    certificate = certify(problem, solve(problem, Exact()))
+    with pytest.raises(CertificateError, match="prove a bound"):
+        verify(dataclasses.replace(certificate, bound=certificate.bound - 1e-3), problem)
+    with pytest.raises(CertificateError, match="above the penalty"):
+        verify(dataclasses.replace(certificate, limit_prices=np.full(2, 0.31)), problem)
+    with pytest.raises(CertificateError, match="another problem"):
+        verify(
+            certificate, SAP(problem.benefits, 0.2, capacity=2, idle=True, limits=[Limit.once(penalty=0.4)])
+        )
