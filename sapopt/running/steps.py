@@ -26,6 +26,8 @@ class Ledger:
     ----------
     problem : SAP
         A core (`SAP.core`).
+    strict : bool
+        Whether to refuse what cannot be promised.
 
     Raises
     ------
@@ -33,7 +35,7 @@ class Ledger:
         If a hard limit needs something done over several steps.
     """
 
-    def __init__(self, problem: SAP) -> None:
+    def __init__(self, problem: SAP, strict: bool = True) -> None:
         self.problem = problem
         rows = problem.rows
         self.used = np.zeros(rows.count)
@@ -56,7 +58,7 @@ class Ledger:
         self.step_of = np.where(first == last, first, -1)
         needs = (rows.low > 0) | (rows.high < 0)
         late = np.flatnonzero(needs & np.isinf(rows.penalty) & (self.step_of < 0))
-        if len(late):
+        if strict and len(late):
             raise ValueError(
                 f"limits: {rows.names[late[0]]!r} needs something done over several steps, which nobody can promise "
                 "who decides step by step; use DualDecomposition or Exact, or give the limit a penalty"

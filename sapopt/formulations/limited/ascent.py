@@ -91,7 +91,9 @@ class Ascent:
 
     def _check(self) -> None:
         assert self.best is not None
-        near = self.best.bound - self.target <= self.tolerance * max(abs(self.target), 1e-300)
+        near = np.isfinite(self.target) and (
+            self.best.bound - self.target <= self.tolerance * max(abs(self.target), 1e-300)
+        )
         if near or clock.now() >= self.stop_at or self.watch(self.evaluations, self.best.bound):
             raise _Over
 

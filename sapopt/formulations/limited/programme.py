@@ -58,8 +58,10 @@ class LimitedProgramme:
         return x
 
 
-def limited_programme(graph: PathGraph, keep: np.ndarray | None = None) -> LimitedProgramme:
-    """The programme over the arcs of a mask, by default all.
+def limited_programme(
+    graph: PathGraph, keep: np.ndarray | None = None, elastic: float = np.inf
+) -> LimitedProgramme:
+    """The programme over the arcs of a mask, by default all; hard limits may be broken at a finite price `elastic`.
 
     Every agent follows one path through them; a cell holds no more agents than its capacity; limits hold, or are paid
     for; a team earns where enough agents hold its task.
@@ -68,7 +70,8 @@ def limited_programme(graph: PathGraph, keep: np.ndarray | None = None) -> Limit
     assert problem.capacity is not None
     kept = np.arange(graph.arcs) if keep is None else np.flatnonzero(keep)
     count = len(kept)
-    soft = np.flatnonzero(np.isfinite(rows.penalty))
+    penalty = np.minimum(rows.penalty, elastic)
+    soft = np.flatnonzero(np.isfinite(penalty))
     width = count + 2 * len(soft) + len(rows.team_cell)
     column = np.arange(count)
     tail, head, cell = graph.tail[kept], graph.head[kept], graph.cell[kept]
@@ -93,7 +96,7 @@ def limited_programme(graph: PathGraph, keep: np.ndarray | None = None) -> Limit
     places = _rows(np.searchsorted(tight, cell[hit]), hit, np.ones(len(hit)), (len(tight), width))
     limits, low, high = _limits(graph, kept, soft, width)
     teams = _teams(graph, cell, count + 2 * len(soft), width)
-    gain = np.concatenate([graph.gain[kept], np.tile(-rows.penalty[soft], 2), rows.team_reward])
+    gain = np.concatenate([graph.gain[kept], np.tile(-penalty[soft], 2), rows.team_reward])
     upper = np.concatenate([np.ones(count), np.full(2 * len(soft), np.inf), np.ones(len(rows.team_cell))])
     integer = np.concatenate([cell >= 0, np.zeros(2 * len(soft), bool), np.ones(len(rows.team_cell), bool)])
     programme = Programme(

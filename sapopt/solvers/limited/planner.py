@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError
-from sapopt.data.types import IntArray, root_mean_square
+from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.conflict import explain
@@ -25,11 +25,24 @@ from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.solvers.base import Outcome, gap_unit
+from sapopt.solvers.limited.dive import dive
+from sapopt.solvers.limited.neighbourhoods import improved, worth
+from sapopt.solvers.limited.rolling import rolling_plan
 
 _DUAL_SHARE = 0.35
 """Share of the time that the first ascent may take."""
 _FIRST_LOSS = 0.05
 """Loss of the arcs of the first programme, relative to the typical gain; each further one takes four times as much."""
+_SMALL = 3000
+"""Arcs up to which programmes over the whole horizon need no plan to start from."""
+_ELASTIC = 10.0
+"""What breaking a hard limit costs on the way to a plan, in typical gains, besides twice the dearest multiplier."""
+_DIVE_LOSS = 0.5
+"""Loss of the arcs that a dive looks at, in typical gains."""
+_DIVE_SHARE = 0.4
+"""Share of the time left that a dive may take."""
+_PART_SHARE = 0.7
+"""Share of the time left for improving the plan part by part."""
 _PROGRAMME_SHARE = 0.5
 """Share of the time left that one programme may take, unless it is the last."""
 
@@ -120,10 +133,41 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     if not np.isfinite(dual.bound):
         raise InfeasibleError(explain(graph))
     try:
+        if graph.arcs > _SMALL:
+            _from_prices(search, graph, dual)
         _programmes(search, graph, dual)
     except KeyboardInterrupt:
         run.stopped = True
     return _outcome(search, dual)
+
+
+def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
+    """A plan by prices, step by step, and better ones from it, part by part."""
+    run, rows = search.run, search.problem.rows
+    scale = root_mean_square(graph.gain[graph.holds])
+    elastic = 2.0 * float(np.abs(dual.prices.limits).max(initial=0.0)) + _ELASTIC * scale
+    loss = graph.through(graph.priced(dual.prices.effective(rows), dual.prices.limits))
+    plans = [search.best, rolling_plan(graph, dual.prices)]
+    if all(plan is None or worth(graph, plan, np.inf) == -np.inf for plan in plans):
+        plans.append(dive(graph, loss, _DIVE_LOSS * scale, elastic, run.part(_DIVE_SHARE * run.seconds_left)))
+    known = [plan for plan in plans if plan is not None]
+    if not known:
+        return
+    plan = max(known, key=lambda plan: worth(graph, plan, elastic))
+    search.offer(plan, "prices")
+    _by_parts(search, graph, plan, loss, elastic)
+
+
+def _by_parts(search: _Search, graph: PathGraph, plan: IntArray, loss: FloatArray, elastic: float) -> None:
+    """Better plans from a plan, part by part."""
+    run = search.run
+    part = run.part(_PART_SHARE * run.seconds_left)
+    for found in improved(graph, plan, loss, elastic, part, run.rng):
+        search.offer(found, "parts")
+        search.report(search.value, search.bound)
+        if search.is_proven:
+            return
+    run.stopped = run.stopped or part.stopped
 
 
 def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
@@ -154,6 +198,8 @@ def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
             raise InfeasibleError(explain(graph))
         if whole:
             return
+        if search.value > before and graph.arcs > _SMALL and search.best is not None:
+            _by_parts(search, graph, search.best, loss, np.inf)
         if search.value > before and search.best is not None:
             used = graph.follow(search.best)
         allowed *= 4.0
