@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.closing import closing
+from sapopt.dynamics.base import Model
 from sapopt.dynamics.capabilities import adapt
 from sapopt.dynamics.idle import IdlePlace
-from sapopt.dynamics.switching.model import SwitchingCost
 
 
 def made_core(problem: Any) -> Any:
@@ -26,7 +26,6 @@ def made_core(problem: Any) -> Any:
     ValueError
         If a matrix of costs has no place for idleness, or the dynamics does not take a further task.
     """
-    _check_cost_matrix(problem)
     core = copy.copy(problem)
     idle = int(problem.idle)
     core.m, core.idle, core.tasks, core.core = problem.m + idle, False, None, core
@@ -36,17 +35,30 @@ def made_core(problem: Any) -> Any:
     initial = problem.initial_assignment
     core.initial_assignment = None if initial is None else problem.placed(initial)
     core.benefits = closing(problem.benefits, None, idle)
-    model = adapt(problem.dynamics, core)  # which may not like forbidden pairs, and never plays one
+    model = _adapted(problem, core)  # which may not like forbidden pairs, and never plays one
     core.model = IdlePlace(model) if idle and not model.idles_freely else model
     core.benefits = closing(problem.benefits, problem.capacity, idle)
     return core
 
 
-def _check_cost_matrix(problem: Any) -> None:
-    cost = problem.dynamics.cost if isinstance(problem.dynamics, SwitchingCost) else 0.0
-    shape = problem.m + 1, problem.m + 1
-    if problem.idle and np.ndim(cost) == 2 and (np.shape(cost) != shape or np.any(np.asarray(cost)[:, -1])):
+def _adapted(problem: Any, core: Any) -> Model:
+    """The model of the dynamics for the core's places."""
+    try:
+        model = adapt(problem.dynamics, core)
+    except ValueError as error:
+        if not problem.idle:
+            raise
         raise ValueError(
-            f"dynamics: with idle=True a matrix of costs needs shape {shape}, the last row for taking up a task from "
-            f"idleness and a last column of zeros for going idle; got {np.shape(cost)}"
+            f"{error}; with idle=True, holding nothing is a further task for it, the last one"
+        ) from None
+    rule = model.switching()
+    if (
+        problem.idle
+        and rule is not None
+        and rule.uniform_cost is None
+        and np.any(np.asarray(rule.cost)[:, -1])
+    ):
+        raise ValueError(
+            "dynamics: with idle=True the last column of a matrix of costs is for going idle, which is free: zeros"
         )
+    return model

@@ -173,8 +173,10 @@ def test_a_matrix_of_costs_knows_idleness() -> None:
     cost = np.array([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0], [1.0, 4.0, 0.0]])
     problem = SAP(np.zeros((3, 1, 2)), SwitchingCost(cost), idle=True)
     assert problem.evaluate([[0], [-1], [1]]).value == -4.0
-    with pytest.raises(ValueError, match=r"needs shape \(3, 3\)"):
+    with pytest.raises(ValueError, match="holding nothing is a further task"):
         SAP(np.zeros((3, 1, 2)), SwitchingCost(cost[:2, :2]), idle=True)
+    with pytest.raises(ValueError, match="last column"):
+        SAP(np.zeros((3, 1, 2)), SwitchingCost(cost.T), idle=True)
 
 
 def test_assign_by_capacity() -> None:
@@ -182,5 +184,5 @@ def test_assign_by_capacity() -> None:
     matrix = np.array([[3.0, 1.0], [3.0, -1.0], [2.0, -1.0]])
     assert assign(matrix, capacity=[3, 1]).tolist() == [0, 0, 0]
     assert assign(matrix[1:], capacity=[1, 1], idle=True).tolist() == [0, -1]
-    with pytest.raises(ValueError, match="room for 2 of 3 agents"):
+    with pytest.raises(ValueError, match="3 agents cannot each have one of 2 tasks"):
         assign(matrix, capacity=[1, 1])

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sapopt import SAP, Evaluation, Result, Status, solve
+from sapopt import SAP, Evaluation, LimitUse, Result, Status, solve
 from sapopt.solvers import HAA
 
-EVALUATION = Evaluation(1.75, np.array([1.0, 1.25]), np.array([0.0, -0.5]), 3)
+LIMITS = (LimitUse("once[0]", 1.0, 1.0, float("-inf")), LimitUse("work[1]", 2.5, 2.0, 0.0, 0.25))
+EVALUATION = Evaluation(1.75, np.array([1.0, 1.25]), np.array([0.0, -0.5]), 3, LIMITS, 0.75)
 FULL = Result(
     plan=np.array([[0, 1], [2, 0]]),
     evaluation=EVALUATION,
@@ -25,6 +26,8 @@ FULL = Result(
     seed=7,
     prices=np.array([[0.0, 0.5, 0.0], [0.25, 0.0, 0.0]]),
     problem=SAP(np.ones((2, 2, 3))),
+    limit_prices=np.array([0.5, -0.25]),
+    team_prices=np.array([0.125]),
 )
 WRITTEN = [field.name for field in dataclasses.fields(Result) if field.name != "problem"]
 
@@ -35,6 +38,8 @@ def same(a: Any, b: Any) -> bool:
         return False
     if dataclasses.is_dataclass(a):
         return all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
     if isinstance(a, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
     return bool(a == b)
