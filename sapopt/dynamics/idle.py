@@ -61,9 +61,9 @@ class IdlePlace(Model):
         """That of the rule."""
         return self.inner.transition(k, state, assignment)
 
-    def interaction(self, k: int, assignments: IntArray) -> FloatArray:
+    def interaction(self, k: int, state: Any, assignments: IntArray) -> FloatArray:
         """That of the rule."""
-        return self.inner.interaction(k, assignments)
+        return self.inner.interaction(k, state, assignments)
 
     def key(self, state: Any) -> Hashable:
         """That of the rule."""

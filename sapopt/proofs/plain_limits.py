@@ -157,7 +157,7 @@ def _terms(problem: SAP, tasks: IntArray) -> list[float]:
         benefit = dense_step(core.benefits.step(k))[agents, places[k]]
         eta = core.handover(k, state)[agents, places[k]]
         if core.model.interacts:
-            eta = eta + core.model.interaction(k, places[k])
+            eta = eta + core.model.interaction(k, state, places[k])
         out += [*benefit.tolist(), *eta.tolist()]
         if not (np.isfinite(benefit) & np.isfinite(eta)).all():
             return [-math.inf]
