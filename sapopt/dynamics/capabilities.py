@@ -278,12 +278,15 @@ def _is_stale(model: Model) -> bool:
 
 
 def _check_one_rule(dynamics: Any, layers: Layers) -> None:
-    """Refuse a class that replaces the entries of its base's handover matrix, and leaves the matrix as it is."""
+    """Refuse a class that says the entries of its base's handover matrix, and leaves the matrix as it is.
+
+    Also where the base has the matrix alone: `SAP.evaluate` would score by the entries, solvers assign by the matrix.
+    """
     entries = [
         place for place, (cls, names) in enumerate(layers) if "handover_at" in names and cls is not Model
     ]
     matrix = _place(layers, "handover")
-    if len(entries) > 1 and matrix is not None and entries[0] < matrix:
+    if entries and matrix is not None and entries[0] < matrix:
         base = layers[matrix][0]
         raise ValueError(
             f"dynamics: {type(dynamics).__name__} defines handover_at, but its handover is that of "

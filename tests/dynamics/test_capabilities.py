@@ -309,3 +309,30 @@ def test_a_guarantee_asks_the_solver() -> None:
         (HAAL(3, keep_plan=True), True),
     ):
         assert promised.covers(solver) is covered
+
+
+class OnlyEntries(Plain):
+    """A subclass that says the entries of a matrix which its base defines, and they are other ones."""
+
+    def handover_at(self, k: int, state: Any, assignment: np.ndarray) -> np.ndarray:
+        return np.full(len(assignment), -9.0)
+
+
+class Whole(OnlyEntries):
+    """The same with a matrix of its own, which the entries above say nothing of."""
+
+    def handover(self, k: int, state: Any) -> np.ndarray:
+        return np.full((2, 3), -4.0)
+
+
+def test_entries_without_a_matrix_are_refused() -> None:
+    """Two rules in one problem, whether the base has entries of its own or, as here, the matrix alone."""
+    benefits = np.ones((2, 2, 3))
+    with pytest.raises(
+        ValueError, match=r"OnlyEntries defines handover_at, but its handover is that of Plain"
+    ):
+        SAP(benefits, OnlyEntries())
+    with pytest.raises(ValueError, match="two rules in one problem"):
+        SAP(benefits, type("Entries", (Learning,), {"handover_at": OnlyEntries.handover_at})(0.3))
+    problem = SAP(benefits, Whole())
+    assert solve(problem, HAA()).value == problem.evaluate([[0, 1], [0, 1]]).value == -12.0

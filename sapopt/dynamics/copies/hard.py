@@ -183,6 +183,7 @@ def soft_paths(window, prices, weight, temperature, values, usage):
     enter = np.empty((T, m))  # and for who pays
     chance = np.empty(R + 2)
     after = np.empty(R + 2)
+    leads_to = np.empty(m, np.int64)
     idle_factor = 1.0 if idle_free else np.exp(-cost / temperature)
     for i in range(n):
         log_z = 0.0
@@ -208,7 +209,8 @@ def soft_paths(window, prices, weight, temperature, values, usage):
                 for e in range(lo, hi):
                     if data[e] > 0.0:
                         j = indices[e]
-                        ratio = part[k + 1, real[j]] / part[k + 1, R]
+                        blind = part[k + 1, R]
+                        ratio = part[k + 1, real[j]] / blind if blind > 0.0 else np.nan
                         keep[k, j] *= ratio
                         enter[k, j] *= ratio
             else:
@@ -227,10 +229,18 @@ def soft_paths(window, prices, weight, temperature, values, usage):
             largest = free
             for r in range(R + 1):
                 largest = max(largest, part[k, r])
+            if not largest > 0.0:  # nothing that is allowed has a weight in the range of floats
+                values[:] = np.nan
+                usage[:] = np.nan
+                return
             for r in range(R + 2):
                 part[k, r] /= largest
             scale[k] = largest
             log_z += np.log(largest) + top
+        if not part[0, start[i]] > 0.0:
+            values[:] = np.nan
+            usage[:] = np.nan
+            return
         values[i] = temperature * (log_z + np.log(part[0, start[i]]))
         chance[:] = 0.0
         chance[start[i]] = 1.0
@@ -243,19 +253,17 @@ def soft_paths(window, prices, weight, temperature, values, usage):
             after[:] = 0.0
             lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
             for j in range(m):
+                leads_to[j] = R if sight else real[j]
+            if sight:  # only what is seen leads to its own state
+                for e in range(lo, hi):
+                    if data[e] > 0.0:
+                        leads_to[indices[e]] = real[indices[e]]
+            for j in range(m):
                 r = real[j]
                 own = chance[r] / part[k, r] if chance[r] > 0.0 else 0.0
                 used = (
                     enter[k, j] * shared + (keep[k, j] - enter[k, j]) * own + keep[k, j] * free_share
                 ) / scale[k]
                 usage[k, j] += used
-                after[R if sight else r] += used
-                keep[k, j] = used  # done with it; remembered for the next lines
-            if sight:
-                for e in range(lo, hi):
-                    if data[e] > 0.0:
-                        used = keep[k, indices[e]]
-                        after[R] -= used
-                        after[real[indices[e]]] += used
-                after[R] = max(after[R], 0.0)
+                after[leads_to[j]] += used
             chance[:] = after

@@ -83,12 +83,19 @@ class SyntheticPaths:
         return out
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
-        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
+        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite.
+
+        Not numbers where the weights of all tasks that an agent may hold vanish beside those of forbidden ones: a step
+        of the ascent that led there is taken back.
+        """
         p = self._prices(prices)
+        # Every agent holds one task at every step, so what all tasks of a step cost alike changes no choice.
+        alike = p.min(axis=1)
+        p = p - alike[:, None]
         values, usage = np.empty(self._shape[1]), np.zeros(p.shape)
         which = seen.soft_paths if self.sparse else kernels.soft_paths
         which(self.window, p, np.exp(-p / temperature), float(temperature), values, usage)
-        return values, usage
+        return values - alike.sum(), usage
 
     def _paths(self, agents: IntArray, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         values = np.empty(len(agents))

@@ -8,6 +8,9 @@ import numpy as np
 
 from sapopt.kernels.jit import njit
 
+_CANCELLED = 1e-9
+"""Share of all weights below which a difference of theirs is not to be trusted."""
+
 
 @njit(cache=True, nogil=True, inline="always")
 def _charge(value, cost, forfeit):
@@ -107,7 +110,8 @@ def first_values(window, prices, order, out):
 def soft_paths(window, prices, weight, temperature, values, usage):
     """Soft values (n,) and the usage (T, m) of all agents; see `hard.soft_paths`.
 
-    What is not in sight counts in sums: the weight of all tasks less that of the stored ones.
+    What is not in sight counts in sums: the weight of all tasks less that of the stored ones. Where next to nothing is
+    left of that, it is added up task by task, for the difference would be rounding.
     """
     n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
     T, m = prices.shape
@@ -120,6 +124,8 @@ def soft_paths(window, prices, weight, temperature, values, usage):
     chance = np.empty(R + 2)
     after = np.empty(R + 2)
     everything = np.zeros(T)
+    crowded = np.zeros(T, np.bool_)  # hardly any weight is left to the tasks that are not stored
+    mark = np.full(m, -1, np.int64)
     for k in range(T):
         for j in range(m):
             everything[k] += weight[k, j]
@@ -140,12 +146,25 @@ def soft_paths(window, prices, weight, temperature, values, usage):
         part[T, :] = 1.0
         for k in range(T - 1, -1, -1):
             lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
-            top, unseen = 0.0, everything[k]
+            top, unseen = -np.inf, everything[k]
             for e in range(lo, hi):
                 top = max(top, (data[e] - prices[k, indices[e]]) / temperature)
                 unseen -= weight[k, indices[e]]
-            low[k] = np.exp(-top)
-            rest[k] = max(unseen, 0.0) * low[k] * part[k + 1, R]
+            crowded[k] = unseen < _CANCELLED * everything[k]
+            if crowded[k]:
+                unseen = 0.0
+                for e in range(lo, hi):
+                    mark[indices[e]] = k
+                for j in range(m):
+                    if mark[j] != k:
+                        unseen += weight[k, j]
+                mark[:] = -1
+                if unseen > 0.0:
+                    top = max(top, np.log(unseen))
+            else:
+                top = max(top, 0.0)
+            low[k] = np.exp(-top) if unseen > 0.0 else 0.0
+            rest[k] = unseen * low[k] * part[k + 1, R]
             moved = free = rest[k]
             for e in range(lo, hi):
                 j, value = indices[e], data[e]
@@ -162,9 +181,17 @@ def soft_paths(window, prices, weight, temperature, values, usage):
                     r = real[indices[e]]
                     part[k, r] += keep[e] - enter[e]
                     largest = max(largest, part[k, r])
+            if not largest > 0.0:  # see `hard.soft_paths`
+                values[:] = np.nan
+                usage[:] = np.nan
+                return
             part[k] *= 1.0 / largest
             scale[k] = largest
             log_z += np.log(largest) + top
+        if not part[0, start[i]] > 0.0:
+            values[:] = np.nan
+            usage[:] = np.nan
+            return
         values[i] = temperature * (log_z + np.log(part[0, start[i]]))
         chance[:] = 0.0
         chance[start[i]] = 1.0
@@ -178,6 +205,14 @@ def soft_paths(window, prices, weight, temperature, values, usage):
             after[:] = 0.0
             after[R] = rest[k] * (shared + free_share) / scale[k]
             each = low[k] * part[k + 1, R] * (shared + free_share) / scale[k]
+            if crowded[k]:
+                for e in range(lo, hi):
+                    mark[indices[e]] = k
+                for j in range(m):
+                    if mark[j] != k:
+                        usage[k, j] += weight[k, j] * each
+                mark[:] = -1
+                each = 0.0
             common[k] += each
             for e in range(lo, hi):
                 j, value = indices[e], data[e]

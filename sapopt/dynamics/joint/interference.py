@@ -46,9 +46,10 @@ class Interference(Model):
     Notes
     -----
     Who knows of the interference: `SAP.evaluate`, ``Exact(method="dp")`` and `IteratedAssignment`. HAA, HAAL, Greedy
-    and the distributed methods read beta_hat, which cannot hold it: their plans are valid and truly scored, and made
-    blind. Methods with task prices refuse, for the agents' paths are not independent. `bound` leaves the losses out,
-    which is valid since they only lower the value.
+    and the distributed methods assign by beta_hat, which cannot hold it: their plans are valid and truly scored, and
+    made blind, though HAAL knows of it where it compares its sequences by playing them. Methods with task prices
+    refuse, for the agents' paths are not independent. `bound` leaves the losses out, which is valid since they only
+    lower the value.
     """
 
     handover_limit = 0.0

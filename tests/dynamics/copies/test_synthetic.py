@@ -17,8 +17,8 @@ from sapopt import SAP, Benefits, SwitchingCost, bound, certify, solve, verify
 from sapopt.data.matrices import GainMatrix
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics import SyntheticSwitching
-from sapopt.dynamics.paths.oracles import FirstValueOracle, LocalOracle, SoftPathOracle
-from sapopt.solvers import HAA, HAAL, DualLookahead, Exact, Greedy, NoHandover
+from sapopt.dynamics.paths.oracles import FirstValueOracle, LocalOracle, SoftPathOracle, path_oracle
+from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead, Exact, Greedy, NoHandover
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,3 +242,40 @@ def test_labels_must_fit() -> None:
     """One label for every agent and every task."""
     with pytest.raises(ValueError, match="agent_of has 2 labels, but the benefits have 3 agents"):
         SAP(np.ones((1, 3, 3)), SyntheticSwitching(agent_of=[0, 1]))
+
+
+@pytest.mark.parametrize("start", [None, [0, 1]])
+def test_no_weight_in_the_range_of_floats(start: list[int] | None) -> None:
+    """High prices on all that an agent may hold leave no weight: nothing is divided by it."""
+    benefits = np.array([[[0.703, 0.277], [0.216, -np.inf]], [[0.126, 0.163], [-np.inf, 0.771]]])
+    for dynamics in (
+        SyntheticSwitching(0.25, 0.5, task_of=[1, 0]), SyntheticSwitching(0.25, 0.5),
+        SyntheticSwitching(0.0, 1.0, idle_is_free=True, needs_sight=True),
+    ):  # fmt: skip
+        problem = SAP(benefits, dynamics, start)
+        best = solve(problem, Exact(method="dp")).value
+        assert best <= bound(problem).value < 3.0
+        for method in (DualDecomposition(), DualLookahead(2), Exact()):
+            result = solve(problem, method)
+            assert result.value == pytest.approx(best)
+            assert result.bound is None or result.bound >= best - 1e-12
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_smoothed_paths_at_any_prices(seed: int) -> None:
+    """However high the prices, smoothed values are no numbers or above the longest paths."""
+    rng = np.random.default_rng(seed)
+    benefits = np.where(rng.random((3, 2, 3)) < 0.2, -np.inf, rng.random((3, 2, 3)) - 0.2)
+    benefits[:, [0, 1], [0, 1]] = 0.1  # some plan is allowed
+    idle, sight = bool(rng.integers(2)), bool(rng.integers(2))
+    problem = SAP(benefits, SyntheticSwitching(0.3, 0.5, idle_is_free=idle, needs_sight=sight))
+    oracle = path_oracle(problem.model, problem.benefits, None)
+    for size in (1.0, 1e3, 1e6):
+        prices = size * rng.random((3, 3))
+        values, usage = oracle.soft_paths(prices, oracle.coldest * 1.05)
+        if np.isfinite(values).all():
+            assert (values >= oracle.best_paths(prices)[0] - 1e-9 * size).all()
+            assert size > 1.0 or usage.sum(axis=1) == pytest.approx(2.0, rel=1e-6)
+    lifted, _ = oracle.soft_paths(np.full((3, 3), 1e6), oracle.coldest * 1.05)
+    level, _ = oracle.soft_paths(np.zeros((3, 3)), oracle.coldest * 1.05)
+    np.testing.assert_allclose(lifted + 3e6, level, rtol=0, atol=1e-6)
