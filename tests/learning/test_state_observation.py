@@ -30,6 +30,7 @@ DOMAINS: dict[str, dict[str, Any]] = {
     "ride-hailing": {"drivers": 6, "requests": 30, "steps": 12, "width": 4},
     "attitude": {"steps": 8, "tasks": 20, "planes": 3, "per_plane": 4, "altitude_km": 1200.0},
     "unit-commitment": {"units": 6, "steps": 12, "shut_down": 0.25},
+    "interference": {"steps": 8, "tasks": 60, "planes": 3, "per_plane": 8, "strength": 0.8},  # beta_hat(s, x)
 }
 
 
