@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,10 +26,12 @@ from sapopt.dynamics.paths.oracles import (
 from sapopt.formulations.dual.lagrangian import lowered
 from sapopt.formulations.dual.smooth import SmoothDescent
 from sapopt.formulations.dual.subgradient import Subgradient
+from sapopt.formulations.limited.dual import Prices
 from sapopt.kernels import clock
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
-from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.base import EXTRAS, check_lookahead
+from sapopt.solvers.limited.receding import priced_step
 
 _SHARES, _FIRST_SHARES = 0.8, 4.0
 """Time for the prices of a step, in even shares of the time left; assignments take the rest. The first step, which has
@@ -68,12 +71,15 @@ class DualLookahead:
     Notes
     -----
     Needs an agent-local dynamics: one with a `path_oracle` that values first tasks (every `SwitchingCost`).
-    Nothing is random. Under a time limit a step takes its share of the time and plays the prices that it has by then.
+    Where there are limits, what is left of each is priced along with the tasks, and the multipliers are carried from
+    step to step. Nothing is random. Under a time limit a step takes its share of the time and plays the prices that it
+    has by then.
     """
 
     window: int
     iterations: int = 60
     end_value: Callable[[SAP, int], FloatArray] | None = None
+    takes: ClassVar[frozenset[str]] = EXTRAS
 
     def __post_init__(self) -> None:
         check_lookahead(self.window, "window")
@@ -85,7 +91,7 @@ class DualLookahead:
         valued = "" if self.end_value is None else ", end_value"
         return f"DualLookahead(window={self.window}{valued})"
 
-    def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | None:
+    def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | Prices | None:
         """No prices yet."""
         if not problem.model.is_agent_local:
             raise ValueError(
@@ -94,10 +100,21 @@ class DualLookahead:
             )
         if self.end_value is not None and problem.model.batteries() is None:
             raise ValueError(f"end_value is for batteries; {problem.model.called} has no charge to value")
+        if self.end_value is not None and not problem.is_plain:
+            raise ValueError(
+                "end_value is for problems without capacities, idleness and limits; leave it out"
+            )
         return None
 
-    def act(self, outlook: Outlook, memory: FloatArray | None) -> tuple[IntArray, FloatArray | None]:
+    def act(
+        self, outlook: Outlook, memory: FloatArray | Prices | None
+    ) -> tuple[IntArray, FloatArray | Prices | None]:
         """Prices of the window, then one assignment problem."""
+        if outlook.rules is not None:
+            before = memory if isinstance(memory, Prices) else None
+            seconds = (_FIRST_SHARES if before is None else _SHARES) * outlook.allowance
+            return priced_step(outlook, self.window, self.iterations, before, seconds)
+        assert not isinstance(memory, Prices)
         benefits = outlook.benefits(self.window)
         left = outlook.problem.T - outlook.k - benefits.shape[0]
         batteries = outlook.model.batteries()

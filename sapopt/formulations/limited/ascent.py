@@ -48,6 +48,10 @@ class Ascent:
         Value of a plan: the run ends when the bound is within `tolerance` of it.
     tolerance : float
         Relative.
+    iterations : int
+        Of L-BFGS at each temperature.
+    polish : bool
+        Whether subgradient steps follow.
     """
 
     graph: PathGraph
@@ -55,6 +59,8 @@ class Ascent:
     watch: Watch = lambda evaluations, bound: False
     target: float = -np.inf
     tolerance: float = 1e-7
+    iterations: int = _ITERATIONS
+    polish: bool = True
     best: LimitedDual | None = None
     evaluations: int = 0
     _high: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -78,7 +84,8 @@ class Ascent:
             for temperature in temperatures:
                 x = self._descend(x, temperature * scale)
                 self._look(dual_value(self.graph, self._unpacked(x)))
-            self._subgradients(scale)
+            if self.polish:
+                self._subgradients(scale)
         except _Over:
             pass
         return self.best
@@ -118,7 +125,7 @@ class Ascent:
 
         found = minimize(
             smooth, x, jac=True, method="L-BFGS-B", bounds=np.stack([np.zeros(len(high)), high], axis=1),
-            options={"maxiter": _ITERATIONS, "maxcor": 12, "ftol": 1e-9, "gtol": 1e-9},
+            options={"maxiter": self.iterations, "maxcor": 12, "ftol": 1e-9, "gtol": 1e-9},
         )  # fmt: skip
         return np.asarray(found.x, dtype=np.float64)
 

@@ -33,7 +33,7 @@ def rolling_plan(graph: PathGraph, prices: Prices) -> IntArray | None:
     node = graph.node_ptr[:-1].copy()
     plan = np.empty((T, n), dtype=np.int64)
     for k in range(T):
-        values, arcs = _first(graph, node, weight, onward, k)
+        values, arcs = first_values(graph, node, weight, onward, k)
         matrix = values + effective[k]
         try:
             tasks = ledger.rules(k).assign(matrix, k, k + 1)
@@ -50,7 +50,7 @@ def rolling_plan(graph: PathGraph, prices: Prices) -> IntArray | None:
     return plan
 
 
-def _first(
+def first_values(
     graph: PathGraph, node: IntArray, weight: FloatArray, onward: FloatArray, k: int
 ) -> tuple[FloatArray, IntArray]:
     """Value (n, m) of every agent's best path from its node that begins with a task, and the arc that holds it."""
