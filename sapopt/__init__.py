@@ -6,6 +6,7 @@ from sapopt.data.benefits import Benefits
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import GainMatrix
 from sapopt.dynamics import SwitchingCost
+from sapopt.formulations.limited.why import Explanation, why_not
 from sapopt.problem.limit import Limit, Team
 from sapopt.problem.result import Evaluation, Result, Status
 from sapopt.problem.rows import LimitUse
@@ -23,6 +24,7 @@ __all__ = [
     "Certificate",
     "CertificateError",
     "Evaluation",
+    "Explanation",
     "GainMatrix",
     "InfeasibleError",
     "Limit",
@@ -39,4 +41,5 @@ __all__ = [
     "rollout",
     "solve",
     "verify",
+    "why_not",
 ]

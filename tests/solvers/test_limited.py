@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
-from sapopt import SAP, CertificateError, InfeasibleError, Limit, Status, Team, bound, certify, solve, verify
+from sapopt import (
+    SAP,
+    CertificateError,
+    InfeasibleError,
+    Limit,
+    Status,
+    Team,
+    bound,
+    certify,
+    solve,
+    verify,
+    why_not,
+)
 from sapopt.dynamics import Interference
 from sapopt.solvers import (
     CBBA,
@@ -54,6 +67,25 @@ def check(case: Tiny) -> None:
         verify(certificate, problem)
 
 
+def check_pairs(case: Tiny) -> None:
+    """Whatever `why_not` proves about a pair is true of every plan that has it."""
+    problem = case.problem
+    best: dict[tuple[int, int, int], float] = {}
+    for plan in case.plans():
+        value = case.value(plan)
+        if value is not None:
+            for k, row in enumerate(plan):
+                for i, j in enumerate(row):
+                    best[i, j, k] = max(best.get((i, j, k), -np.inf), value)
+    if not best:
+        return
+    result = solve(problem, DualDecomposition())
+    for i, j, k in itertools.product(range(problem.n), range(problem.m), range(problem.T)):
+        told = why_not(problem, result, i, j, k)
+        assert told.bound >= best.get((i, j, k), -np.inf) - 1e-11
+        assert str(told)
+
+
 def check_policies(case: Tiny) -> None:
     """Policies never break a limit; where they cannot go on, they say which limit is in the way."""
     best, _ = case.optimum()
@@ -85,6 +117,30 @@ def test_thousands_against_brute_force(first: int) -> None:
         case = tiny(np.random.default_rng(seed), LOCAL[seed % len(LOCAL)], 600)
         if case is not None:
             check(case)
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_why_not_against_brute_force(seed: int) -> None:
+    """The bound on plans with a pair holds for all of them."""
+    case = tiny(np.random.default_rng(seed), LOCAL[seed % len(LOCAL)], 100)
+    if case is not None:
+        check_pairs(case)
+
+
+def test_why_not_of_a_plain_problem() -> None:
+    """It needs no limits; the words name who holds the task, and a pair of the plan is told as such."""
+    problem = SAP([[[2.0, 0.0], [1.5, 0.0]]], 0.0, agents=["a", "b"])
+    told = why_not(problem, solve(problem, Exact()), "b", 0, 0)
+    assert told.bound == pytest.approx(1.5, abs=1e-3)
+    assert told.holders == (0,)
+    assert told.is_settled
+    assert "held by agent 0" in str(told)
+    assert (
+        str(why_not(problem, solve(problem, Exact()), "a", 0, 0))
+        == "The plan has agent 0 on task 0 at step 0."
+    )
+    with pytest.raises(ValueError, match="step: 5 is outside"):
+        why_not(problem, solve(problem, Exact()), 0, 0, 5)
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -101,18 +101,23 @@ def dual_value(graph: PathGraph, prices: Prices) -> LimitedDual:
     if not np.isfinite(values).all():  # an agent without any path: no plan at all
         return LimitedDual(prices, math.inf, arcs)
     total = math.fsum([*values.tolist(), *fixed])
-    size = float(np.abs(values).sum()) + _largest(graph, prices)
-    size += sum(abs(term) for term in fixed)
-    terms = 4.0 * (problem.T + 4) + float(np.diff(graph._weights_by_arc.indptr).max(initial=0))
-    return LimitedDual(prices, total + terms * _EPS * (size + abs(total)), arcs)
+    return LimitedDual(prices, total + rounding(graph, prices, total), arcs)
+
+
+def rounding(graph: PathGraph, prices: Prices, total: float) -> float:
+    """What rounding may hide from the dual's value, with the value itself known."""
+    problem = graph.problem
+    assert problem.capacity is not None
+    fixed = fixed_terms(problem.rows, problem.capacity, prices)
+    size = 2.0 * _largest(graph, prices) + sum(abs(term) for term in fixed)
+    terms = 4.0 * (problem.T + 4) + graph.most_limits
+    return terms * _EPS * (size + abs(total))
 
 
 def _largest(graph: PathGraph, prices: Prices) -> float:
     """At least the sum of the sizes of all numbers that a path of every agent adds up."""
     problem = graph.problem
-    size = np.abs(np.where(np.isfinite(graph.gain), graph.gain, 0.0))
-    if len(prices.limits):
-        size = size + abs(graph._weights_by_arc) @ np.abs(prices.limits)
+    size = graph.sizes(prices.limits)
     step = np.maximum(graph.cell, 0) // problem.m
     most = np.zeros(problem.T)
     np.maximum.at(most, step, size)

@@ -111,6 +111,16 @@ class PathGraph:
     def _weights_by_arc(self) -> sp.csr_array:
         return sp.csr_array(self.weights.T)
 
+    @property
+    def most_limits(self) -> int:
+        """Most rows that one arc adds to."""
+        return int(np.diff(self._weights_by_arc.indptr).max(initial=0))
+
+    def sizes(self, multipliers: FloatArray) -> FloatArray:
+        """The sizes (arcs,) of gains and of all that multipliers take from them, added up."""
+        size = np.abs(np.where(np.isfinite(self.gain), self.gain, 0.0))
+        return size + abs(self._weights_by_arc) @ np.abs(multipliers) if len(multipliers) else size
+
     def priced(self, prices: FloatArray, multipliers: FloatArray) -> FloatArray:
         """Gains (arcs,) less the prices (T, m) of the cells and the multipliers (rows,) of the limits."""
         out = self.gain.copy()
