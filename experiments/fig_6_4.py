@@ -1,8 +1,10 @@
 """Figure 6.4 (Holder 2024, section 6.4): reward, conflicts, charge and task duration of every policy on batteries.
 
-    python -m experiments.fig_6_4 [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--quick] [--out DIR]
+    python -m experiments.fig_6_4 [--seeds 5] [--iql WEIGHTS] [--ippo WEIGHTS] [--rollouts] [--only NAMES] [--quick]
+                                  [--out DIR]
 
-REDA's weights are those that ship; the others are drawn if their weights are given (`fig_6_3.py` leaves them).
+REDA's weights are the two sets that ship: of the published code's observation, and of the thesis' with one function
+that values every task. The others are drawn if their weights are given (`fig_6_3.py` leaves them, or `sapopt train`).
 `--rollouts` adds rollouts of REDA, which take far longer: what HAAL or the energy price would do now, played on by
 REDA to the end.
 """
@@ -39,6 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--iql", help="weights of IQL")
     parser.add_argument("--ippo", help="weights of IPPO")
     parser.add_argument("--rollouts", action="store_true")
+    parser.add_argument("--only", help="these policies alone, by name, separated by commas")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -48,6 +51,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         "power-constrained greedy": by_generator(power_constrained),
         "energy price": by_generator(energy_price),
         "REDA": by_generator(REDA.load("power")),
+        "REDA per task": by_generator(REDA.load("power-thesis")),
     }
     if run.options.iql:
         players["IQL"] = by_iql(network_of(run.options.iql))
@@ -61,6 +65,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     players["dual lookahead W=3, value of charge"] = by_policy(
         DualLookahead(3, end_value=ChargeValue.load("power"))
     )
+    if run.options.only:
+        players = {name: players[name] for name in run.options.only.split(",")}
     problems = [instance("power", FIRST + seed, steps=20 if run.quick else 100) for seed in run.seeds]
     report = {}
     for name, player in players.items():

@@ -23,6 +23,17 @@ def test_power_weights() -> None:
     assert learned > 1.2 * greedy
 
 
+def test_power_weights_of_the_thesis_observation() -> None:
+    """Observation of section 6.2.2, and a quarter more than the power-constrained greedy policy."""
+    reda = REDA.load("power-thesis")
+    assert reda.network.spec == ThesisObservation(steps=5)
+    assert reda.network.per_task
+    assert reda.about["command"].startswith("sapopt train reda power --preset per-task")
+    problem = instance("power", 77_000_000, steps=60)
+    learned, greedy = (solve(problem, AssignmentPolicy(g)).value for g in (reda, power_constrained))
+    assert learned > 1.25 * greedy
+
+
 def test_earth_coverage_weights() -> None:
     """Observation of the thesis, one function for all tasks, more than HAAL on an episode that was not trained on."""
     reda = REDA.load("earth-coverage-thesis")
