@@ -130,8 +130,11 @@ def play(problem: SAP, decide: Policy | IntArray, chance: Chance | None = None, 
     Raises
     ------
     ValueError
-        If a plan does not fit the problem, or a pair is forbidden in the state that was drawn.
+        If a plan does not fit the problem, or a pair is forbidden in the state that was drawn; or if the problem has
+        capacities, idleness or limits.
     """
+    if not problem.is_plain:
+        raise ValueError("problem: runs by chance know no capacities, idleness or limits; leave them out")
     policy = decide if isinstance(decide, Policy) else None
     plan = np.empty((problem.T, problem.n), dtype=np.int64) if policy else problem.check_plan(decide)
     rewards = np.empty((problem.T, problem.n))

@@ -159,6 +159,8 @@ def test_bad_input() -> None:
     for chance in (Failures(), RandomIncome()):
         with pytest.raises(ValueError, match="batteries"):
             play(problem, HAA(), chance)
+    with pytest.raises(ValueError, match="no capacities, idleness or limits"):
+        play(SAP(np.ones((2, 2, 2)), SwitchingCost(0.5), idle=True), HAA())
     with pytest.raises(ValueError, match="runs must be at least 2"):
         over_runs(problem, [HAA()], None, runs=1)
     with pytest.raises(ValueError, match="none to compare"):
