@@ -59,7 +59,7 @@ def benefit_history(
     steps = np.arange(problem.T)
     for number, (name, result) in enumerate(results.items()):
         color = PALETTE[number % len(PALETTE)]
-        benefit = problem.benefits.at(result.plan)[:, agent]
+        benefit = problem.held_benefits(result.plan)[:, agent]
         changed = _changes(problem, result.plan)[:, agent]
         label = f"{name}: benefit {benefit.sum():.1f}, {int(changed.sum())} handovers"
         # The later lines are thinner, so that equal stretches stay visible under each other.
@@ -132,7 +132,7 @@ def timeline(
         else _rows(agents, problem.n, problem.agents, "agents")
     )
     ax = axes_or_new(ax, (9.0, 0.13 * len(rows) + 1.6))
-    benefit = problem.benefits.at(result.plan)[:, rows].T
+    benefit = problem.held_benefits(result.plan)[:, rows].T
     changed = _changes(problem, result.plan)[:, rows].T
     image = ax.imshow(
         np.where(benefit > 0, benefit, np.nan),
@@ -225,6 +225,6 @@ def price_heat_map(
 
 
 def _changes(problem: SAP, plan: np.ndarray) -> np.ndarray:
-    """Where an agent holds another task than at the step before, shape (T, n)."""
+    """Where an agent holds a task that it did not hold at the step before, shape (T, n)."""
     first = plan[:1] if problem.initial_assignment is None else np.asarray(problem.initial_assignment)[None]
-    return np.diff(plan, axis=0, prepend=first) != 0
+    return (np.diff(plan, axis=0, prepend=first) != 0) & (plan >= 0)

@@ -164,6 +164,10 @@ class SAP:
         """A plan or assignment with the last place of `core` for holding nothing, instead of -1."""
         return np.where(plan < 0, self.m, plan) if self.idle else plan
 
+    def held_benefits(self, plan: IntArray) -> FloatArray:
+        """Static benefit (T, n) of what every agent holds at every step of a plan; 0 for nothing."""
+        return self.core.benefits.at(self.placed(plan))
+
     def unplaced(self, plan: IntArray) -> IntArray:
         """Undo `placed`."""
         return np.where(plan >= self.m, -1, plan) if self.idle else plan

@@ -38,6 +38,7 @@ def payload(
         With ``positions_km`` and ``tasks``, as a `Constellation`; anything else gets no map.
     title : str
     """
+    initial = problem.initial_assignment
     return {
         "title": title,
         "made": f"sapopt {version('sapopt')}, Python {platform.python_version()}, numpy {np.__version__}",
@@ -46,8 +47,8 @@ def payload(
         "m": problem.m,
         "dynamics": repr(problem.dynamics),
         "agents": None if problem.agents is None else list(problem.agents),
-        "tasks": None if problem.tasks is None else list(problem.tasks),
-        "initial": None if problem.initial_assignment is None else problem.initial_assignment.tolist(),
+        "tasks": _task_labels(problem),
+        "initial": None if initial is None else problem.placed(initial).tolist(),
         "bound": bound,
         "prices": None if prices is None else _levels(np.maximum(prices, 0.0), np.uint16),
         "results": [_told(problem, name, result, bound) for name, result in results.items()],
@@ -55,8 +56,16 @@ def payload(
     }
 
 
+def _task_labels(problem: SAP) -> list[str] | None:
+    """Labels of the tasks, and of nothing where agents may hold it; None where numbers will do."""
+    if not problem.idle:
+        return None if problem.tasks is None else list(problem.tasks)
+    own = [f"task {j}" for j in range(problem.m)] if problem.tasks is None else list(problem.tasks)
+    return [*own, "nothing"]
+
+
 def _told(problem: SAP, name: str, result: Result, bound: float | None) -> dict[str, Any]:
-    held = problem.benefits.at(result.plan)
+    held = problem.held_benefits(result.plan)
     kind = np.uint16 if held.size <= _FINE_CELLS else np.uint8
     return {
         "name": name,
@@ -68,7 +77,9 @@ def _told(problem: SAP, name: str, result: Result, bound: float | None) -> dict[
         "seconds": result.runtime,
         "seed": result.seed,
         "busy": float((held > 0).mean()),
-        "plan": _base64(result.plan.astype(np.uint16 if problem.m < 2**16 else np.uint32)),
+        "plan": _base64(
+            problem.placed(result.plan).astype(np.uint16 if problem.core.m <= 2**16 else np.uint32)
+        ),
         "held": _levels(np.maximum(held, 0.0), kind),
         "benefit": _rounded(result.evaluation.benefit),
         "handover": _rounded(result.evaluation.handover),

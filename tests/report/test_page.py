@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sapopt import SAP, Result, SwitchingCost, solve
+from sapopt import SAP, Limit, Result, SwitchingCost, solve
 from sapopt.domains.instances import find_instance, scenario
 from sapopt.plotting.coastline import coastline_deg
 from sapopt.report import report
@@ -175,3 +175,14 @@ def test_coastline() -> None:
     assert not is_land(-30.0, 40.0)  # Atlantic
     assert not is_land(-140.0, 0.0)  # Pacific
     assert not is_land(51.0, 42.0)  # the Caspian Sea
+
+
+def test_idle_agents_are_told_as_such(tmp_path: Path) -> None:
+    """An agent that holds nothing is no holder of the last task: it has no benefit, and a label of its own."""
+    problem = SAP(np.ones((2, 2, 2)), 0.0, [-1, 0], idle=True, limits=[Limit.once(1)])
+    result = solve(problem, HAA())
+    data = told(result.report(tmp_path / "r.html"))
+    assert data["tasks"] == ["task 0", "task 1", "nothing"]
+    assert data["initial"] == [2, 0]
+    assert data["results"][0]["busy"] == float((result.plan >= 0).mean())
+    assert set(array(data["results"][0]["plan"], "<u2").tolist()) <= {0, 1, 2}
