@@ -151,6 +151,26 @@ def read_qaplib_solution(path: str | Path) -> tuple[float, IntArray]:
     return numbers[1], np.array(numbers[2:], dtype=np.int64) - 1
 
 
+def read_assignment(path: str | Path) -> FloatArray:
+    """Read an assignment problem as the OR-Library has it (``assign100.txt``): n, then the cost of every pair.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        To be minimised: ``SAP(-read_assignment(path)[None])`` is the problem, of one step.
+
+    Raises
+    ------
+    ValueError
+        If the file does not hold n and n x n numbers; the message names the path.
+    """
+    numbers = [number for line in _number_lines(path) for number in line]
+    size = int(numbers[0]) if numbers and numbers[0].is_integer() else 0
+    if size < 1 or len(numbers) != size**2 + 1 or not np.isfinite(numbers).all():
+        raise ValueError(f"{path}: not an assignment problem (n, then n x n finite costs)")
+    return np.array(numbers[1:]).reshape(size, size)
+
+
 def _number_lines(path: str | Path) -> Iterator[list[float]]:
     """The numbers of each line; some files have commas between them."""
     for line, text in enumerate(lines_of(read_text(path)), start=1):

@@ -134,6 +134,19 @@ def test_solution_file(tmp_path: Path) -> None:
             qap.read_qaplib_solution(path)
 
 
+def test_assignment_file(tmp_path: Path) -> None:
+    """An OR-Library file of one cost matrix is a problem of one step, whose optimum is the least cost."""
+    path = tmp_path / "assign3.txt"
+    path.write_text("3\n 4 1 3\n 2 0 5\n 3 2\n 2\n")
+    costs = qap.read_assignment(path)
+    assert costs.tolist() == [[4, 1, 3], [2, 0, 5], [3, 2, 2]]
+    assert solve(SAP(-costs[None]), Exact("dp")).value == -5.0
+    for text in ("", "3 1 2", "2 1 2 3 4 5", "1 nan", "1.5 2", "0", "2 1 2 3 x"):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"assign3\.txt.*not a"):
+            qap.read_assignment(path)
+
+
 @pytest.mark.parametrize("text", ["", "x", "3 1 2", "2 1 2 3 4 5 6 7", "-1 2", "2 1 2 3 4 5 6 7 nine"])
 def test_damaged_file(text: str, tmp_path: Path) -> None:
     """A file of another kind gives one clear line."""
