@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,3 +106,15 @@ def test_two_grids() -> None:
     assert maximise(adams_johnson(flow, -distance, np.zeros((5, 5))), relaxed=True).value == pytest.approx(
         -8.0
     )
+
+
+def test_nug5(tmp_path: Path) -> None:
+    """The smallest problem of Nugent and others: the relaxation is as large as the optimum, 50."""
+    path = tmp_path / "nug5.dat"
+    path.write_text(
+        "5 50\n0 1 1 2 3\n1 0 2 1 2\n1 2 0 1 2\n2 1 1 0 1\n3 2 2 1 0\n"
+        "0 5 2 4 1\n5 0 3 0 2\n2 3 0 0 0\n4 0 0 0 5\n1 2 0 5 0\n"
+    )
+    read = qap.read_qaplib(path)
+    assert max(read.value(np.array(x)) for x in itertools.permutations(range(5))) == -50.0
+    assert maximise(read.programme(), relaxed=True).value == pytest.approx(-50.0)

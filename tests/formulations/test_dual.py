@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from fractions import Fraction
@@ -11,10 +12,11 @@ import numpy as np
 import pytest
 from strategies import Instance
 
-from sapopt import SAP, Benefits
+from sapopt import SAP, Benefits, SwitchingCost, bound, solve
 from sapopt.dynamics.paths.oracles import LocalOracle
 from sapopt.dynamics.switching.states import SwitchingStates
 from sapopt.formulations.dual import ascend, dual_value, rigorous_bound
+from sapopt.solvers import DualDecomposition, Exact
 
 RULES = ("strict", "idle is free", "matrix", "matrix, idle is free")
 
@@ -182,3 +184,32 @@ def test_prices_that_prove_nothing_are_refused(prices: np.ndarray) -> None:
     """Negative, not finite, of a wrong shape."""
     with pytest.raises(ValueError, match="prices"):
         ascend(oracle_of(crowded()), prices)
+
+
+@pytest.mark.parametrize("order", [(1e16, 1.0, -1e16), (1.0, 1e16, -1e16), (1e16, -1e16, 1.0)])
+def test_numbers_that_cancel_out(order: tuple[float, ...]) -> None:
+    """Sums of both signs lose their last bits: no bound falls below the optimum, 1, and none is called proven by it."""
+    problem = SAP(np.array(order)[:, None, None])
+    assert problem.evaluate(np.zeros((3, 1), dtype=int)).value == 1.0
+    assert bound(problem).value >= 1.0
+    for solver in (DualDecomposition(), Exact(), Exact("milp"), Exact("dp")):
+        result = solve(problem, solver)
+        assert result.value == 1.0
+        assert result.bound is None or result.bound >= 1.0
+
+
+@pytest.mark.parametrize("matrix", [False, True])
+def test_exact_methods_where_numbers_cancel_out(matrix: bool) -> None:
+    """With benefits of 1e16 and -1e16 beside small ones, bounds hold for the best of all plans, added up exactly."""
+    rows = list(itertools.permutations(range(3), 2))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        benefits = rng.choice([1e16, -1e16, 1.0, 0.5], (3, 2, 3))
+        cost = 0.25 * (1 - np.eye(3)) * rng.integers(1, 4, (3, 3)) if matrix else 0.25
+        problem = SAP(benefits, SwitchingCost(cost))
+        best = max(problem.evaluate(np.array(plan)).value for plan in itertools.product(rows, repeat=3))
+        assert bound(problem).value >= best
+        for solver in (DualDecomposition(iterations=50), Exact(), Exact("milp"), Exact("dp")):
+            result = solve(problem, solver)
+            assert result.value <= best
+            assert result.bound is None or result.bound >= best

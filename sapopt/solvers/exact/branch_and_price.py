@@ -10,6 +10,7 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations import stays as formulation
+from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.dual import ascend
 from sapopt.formulations.stays import Stays
 from sapopt.problem.sap import SAP
@@ -66,6 +67,7 @@ class BranchAndPrice:
         self.best = best
         self.tolerance = tolerance
         self.unit = gap_unit(problem)
+        self.hidden = cancellation(problem)
         self._note = note
         self.bound = np.inf
         self.lock = threading.Lock()
@@ -190,7 +192,8 @@ class BranchAndPrice:
         return self.best.value + self._slack()
 
     def _gap(self) -> float:
-        return self.bound - self.best.value + self._slack()
+        # Where large numbers cancel out, a stay of the best plan may seem to fall short by what rounding hides.
+        return self.bound - self.best.value + self._slack() + 2.0 * self.hidden
 
     def _settled(self) -> bool:
         return self.bound <= self._target() or self.run.expired

@@ -24,6 +24,7 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations import network as formulation
 from sapopt.formulations import stays
+from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.highs import Answer, Ending, maximise
 from sapopt.formulations.network import Network, NetworkOracle
 from sapopt.kernels.blocks import thread_count
@@ -77,6 +78,7 @@ class Search:
         self.tolerance = tolerance
         self.fix = fix
         self.unit = gap_unit(problem)
+        self.hidden = cancellation(problem)
         self.state = State(warm.Incumbent(), np.inf, [])
         self.options: dict[str, Any] = {}
 
@@ -163,7 +165,7 @@ class Search:
             self.state.prices = self.prices.prices
 
     def _within(self, delta: float) -> np.ndarray:
-        return self.prices.regret <= delta + 1e-7 * max(self.unit, abs(self.prices.bound))
+        return self.prices.regret <= delta + 1e-7 * max(self.unit, abs(self.prices.bound)) + 2.0 * self.hidden
 
     def _gap(self) -> float:
         """All better plans than the incumbent live on arcs of at most this reduced cost."""

@@ -268,3 +268,16 @@ def test_solve_keeps_the_traffic() -> None:
         assert [step["rounds"] for step in result.trace] == [one.rounds for one in traffic]
         assert [step["bytes"] for step in result.trace] == [one.bytes for one in traffic]
         assert len({tuple(step) for step in result.trace}) == 1
+
+
+@pytest.mark.parametrize("idle", [False, True])
+def test_few_rounds_on_a_split_network(idle: bool) -> None:
+    """Agents that are cut off from each other and run out of rounds still end with one task each."""
+    graph = nx.Graph([(0, 1), (2, 3)])
+    graph.add_nodes_from(range(5))
+    for seed in range(20):
+        problem = SAP(np.random.default_rng(seed).random((3, 5, 6)), SwitchingCost(0.3, idle_is_free=idle))
+        method = HAALD(2, graph=graph, allow_disconnected=True, max_rounds=5)
+        result = solve(problem, method)
+        assert result.value == problem.evaluate(result.plan).value
+        assert all(len(set(row)) == 5 for row in result.plan.tolist())
