@@ -56,6 +56,8 @@ class Failures:
         Any policy's value in that run is that of its plan in this problem. So `sapopt.bound` of it is proven to be
         above every policy in the run, and the mean over many runs bounds the mean of the best policy.
         """
+        if not problem.is_plain:
+            raise ValueError("problem: failures know no capacities, idleness or limits; leave them out")
         failed = np.zeros(problem.n, dtype=bool)
         steps: list[Any] = []
         for k in range(problem.T):

@@ -32,11 +32,18 @@ class Environment:
         Draws the state that follows a step, in place of the problem's own transition.
     seed : int or sequence of int
         Of those draws: the same seed and the same assignments make the same episode.
+
+    Raises
+    ------
+    ValueError
+        If the problem has capacities, idleness or limits.
     """
 
     def __init__(
         self, problem: SAP, conflicts_shared: bool = False, chance: Chance | None = None, seed: Seed = 0
     ) -> None:
+        if not problem.is_plain:
+            raise ValueError("problem: environments know no capacities, idleness or limits; leave them out")
         self.problem = problem
         self.conflicts_shared = conflicts_shared
         self.chance, self.seed = chance, seed

@@ -30,6 +30,12 @@ def test_rewards_add_up_to_the_value(shared: bool) -> None:
         env.step(result.plan[0])
 
 
+def test_what_it_does_not_know_is_refused() -> None:
+    """Idleness would be scored as another task: told, not miscounted."""
+    with pytest.raises(ValueError, match="no capacities, idleness or limits"):
+        Environment(SAP(np.ones((2, 2, 2)), SwitchingCost(0.5), idle=True))
+
+
 def test_conflicts() -> None:
     """Forbidden by default; if shared, q holders earn a q-th each and pay their own handover in full."""
     problem = SAP(np.array([[[4.0, 1.0, 0.2], [2.0, 0.0, 0.2]]]), SwitchingCost(0.5), [0, 1])
