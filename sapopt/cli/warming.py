@@ -15,8 +15,6 @@ from sapopt.cli.progress import Reporter
 from sapopt.kernels.blocks import thread_count
 
 _BOUND = "bound"
-_SECONDS = 1.0
-"""Time limit of one tiny run, compiling not counted; the first look at everything takes far less."""
 
 
 @app.command(name="warm")
@@ -60,28 +58,19 @@ def compile_kernels(name: str) -> float:
     """
     import logging
 
-    from sapopt.api import bound, solve
     from sapopt.domains.instances import instance
     from sapopt.domains.tiny import tiny_problems
     from sapopt.kernels.clock import compile_seconds
     from sapopt.kernels.jit import compiled_always
-    from sapopt.running.outlook import Policy
     from sapopt.solvers.names import parse_solver
-    from sapopt.warming import warm_up
+    from sapopt.warming import run_tiny, warm_up
 
     logging.getLogger("sapopt").setLevel(logging.ERROR)  # runs cut short are no news here
+    solver = None if name == _BOUND else parse_solver(name).solver
     before = compile_seconds()
     with compiled_always():
         for _, problem in tiny_problems():
-            try:
-                if name == _BOUND:
-                    bound(problem, time_limit=_SECONDS)
-                else:
-                    solver = parse_solver(name).solver
-                    # A policy must run all steps: the second one, which has a past, needs more than the first.
-                    solve(problem, solver, time_limit=None if isinstance(solver, Policy) else _SECONDS)
-            except ValueError:
-                continue  # the method does not take this dynamics
+            run_tiny(problem, solver)
         with contextlib.suppress(ValueError):  # the method does not take a switching cost
-            warm_up(instance("constellation-toy"), None if name == _BOUND else parse_solver(name).solver)
+            warm_up(instance("constellation-toy"), solver)
     return compile_seconds() - before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 
 from sapopt import api as verbs
 from sapopt import warming
+from sapopt.cli.alongside import Job, helped
 from sapopt.cli.links import shortened
 from sapopt.cli.progress import Phase, Reporter
 from sapopt.data.types import FloatArray
@@ -69,13 +71,24 @@ def _size(problem: SAP) -> str:
 
 def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> None:
     """Compile what the solvers and the bound need, so that no time reported contains it."""
-    solvers = shortened(solvers, min(warming.STEPS, problem.T))
-    with reporter.phase("compiling kernels", total=len(solvers) + 1) as phase:
-        for done, named in enumerate(solvers):
-            phase.update(done, note=named.name)
-            warming.warm_up(problem, named.solver)
-        phase.update(len(solvers), note="bound")
-        warming.warm_up(problem, None)
+    small = warming.first_steps(problem)
+    jobs: list[Job] = [(named.name, named.solver) for named in shortened(solvers, small.T)]
+    jobs.append(("bound", None))
+    todo = deque(jobs)
+    done: list[str] = []
+    with reporter.phase("compiling kernels", total=len(jobs)) as phase:
+
+        def run(job: Job) -> None:
+            phase.update(len(done), note=job[0])
+            warming.warm_up(small, job[1])
+            done.append(job[0])
+
+        with helped(small, todo), suppress(IndexError):  # nothing left: helpers take from the other end
+            while True:
+                run(todo.popleft())
+        for job in jobs:
+            if job[0] not in done:  # from the cache now
+                run(job)
         phase.note = ""
 
 

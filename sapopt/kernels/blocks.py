@@ -13,6 +13,7 @@ has begun, so it never waits for a queue: helpers that are busy with other calle
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections import deque
@@ -27,12 +28,15 @@ from numpy.typing import NDArray
 OWN_VARIABLE = "SAPOPT_NUM_THREADS"
 """Environment variable that says how many threads share the work; without it numba's own, NUMBA_NUM_THREADS, counts."""
 
-_WORTH = 200_000
-"""Inner turns of a loop, a nanosecond or a few each, below which handing blocks to other threads costs more time."""
-_BLOCKS_PER_THREAD = 4
-"""More blocks than threads even out the agents' different numbers of tasks."""
-_PARTS, _LEAST_PART = 8, 32
-"""Partial sums, and the agents of each: adding up many large arrays costs more than the threads save."""
+_WORTH = 30_000
+"""Inner turns of a loop, a nanosecond or a few each, below which asking another thread (10 to 20 us) does not pay."""
+_BLOCKS_PER_THREAD, _LEAST_BLOCK = 4, 40_000
+"""More blocks than threads even out the agents' different numbers of tasks; fewer turns are not worth a call."""
+_PARTS, _LEAST_PART, _PART_TURNS = 8, 32, 40_000
+"""Most partial sums, and the least of agents and turns for each: adding up arrays costs more than the threads save."""
+
+_APART = 128
+"""Bytes between the work arrays of two threads: two lines of a cache, as processors fetch them in pairs."""
 
 
 def thread_count() -> int:
@@ -83,7 +87,8 @@ def in_blocks(
     if helpers == 0:
         kernel(0, count, *arguments, *scratch())
         return
-    todo = _blocks(count, _BLOCKS_PER_THREAD * (helpers + 1))
+    threads = helpers + 1
+    todo = _blocks(count, max(threads, int(min(_BLOCKS_PER_THREAD * threads, turns / _LEAST_BLOCK))))
 
     def work() -> None:
         own = scratch()
@@ -103,29 +108,45 @@ def summed_in_blocks(
 ) -> list[NDArray[np.float64]]:
     """Call ``kernel(begin, end, *arguments, *scratch(), *sums)`` for blocks; return the sums over all items.
 
-    Every block adds to arrays of its own, and these are added in the order of the blocks. The blocks depend on `count`
-    alone, so the result is the same bit for bit, however many threads there are.
+    Every block adds to arrays of its own, and these are added in the order of the blocks. The blocks depend on
+    `count` and `turns` alone, so the result is the same bit for bit, however many threads there are.
 
     Parameters
     ----------
     shapes : tuple of shapes
         Of the sums, which a kernel finds filled with zeros.
     """
-    todo = _blocks(count, min(_PARTS, count // _LEAST_PART))
+    todo = _blocks(count, int(min(_PARTS, count // _LEAST_PART, turns / _PART_TURNS)))
     helpers = min(_helpers(count, turns), len(todo) - 1)
     sums: list[list[NDArray[np.float64]]] = [[] for _ in todo]
 
     def work() -> None:
         own = scratch()
         for part, begin, end in _taken(todo):
-            sums[part] = [np.zeros(shape) for shape in shapes]
+            sums[part] = [work_array(shape, fill=0.0) for shape in shapes]
             kernel(begin, end, *arguments, *own, *sums[part])
 
     _together(work, helpers, todo)
-    for part in sums[1:]:
-        for total, addend in zip(sums[0], part, strict=True):
+    for others in sums[1:]:
+        for total, addend in zip(sums[0], others, strict=True):
             total += addend
     return sums[0]
+
+
+def work_array(
+    shape: int | tuple[int, ...], dtype: Any = np.float64, fill: float | None = None
+) -> NDArray[Any]:
+    """Work array of one thread (`scratch` above), at a distance from whatever lies beside it in memory.
+
+    Two threads that write to the same line of the processors' caches, each to an array of its own, wait for each other
+    at every write; small arrays that are made one after another do lie on the same line.
+    """
+    size = math.prod(shape) if isinstance(shape, tuple) else shape
+    apart = _APART // np.dtype(dtype).itemsize
+    array = np.empty(size + 2 * apart, dtype=dtype)[apart : apart + size].reshape(shape)
+    if fill is not None:
+        array.fill(fill)
+    return array
 
 
 Blocks = deque[tuple[int, int, int]]

@@ -114,11 +114,22 @@ class Kernel:
             _spent += time.thread_time() - began
 
 
-def njit(function: Any = None, *, small: int = 0, cache: bool = True, **options: Any) -> Any:
+def njit(
+    function: Any = None, *, small: int = 0, borrows: bool = False, cache: bool = True, **options: Any
+) -> Any:
     """Make a `Kernel` of a function; the options are those of ``numba.njit``, and `small` as in `Kernel`.
 
-    Compiled code is always cached where a folder for it can be written, so `cache` changes nothing.
+    Parameters
+    ----------
+    borrows : bool
+        The kernel makes no array and returns none: it only works on those that it is given. Then numba leaves out
+        the counting of references. Counters are atomic and shared, so threads that take views of the same arrays, or
+        hand them to helpers, would wait for each other at every turn (a quarter of the time even on one thread).
+    cache : bool
+        Changes nothing: compiled code is always cached where a folder for it can be written.
     """
+    if borrows:
+        options["_nrt"] = False
 
     def decorate(function: Callable[..., Any]) -> Kernel:
         kernel = Kernel(function, small, options)

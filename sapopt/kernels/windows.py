@@ -60,7 +60,7 @@ def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
     return row_start, tasks[:filled].copy(), gains[:filled].copy()
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def longer_window(
     row_start, tasks, gains, indptr, indices, data, total, seen, entry_cost, out_start, out_tasks, out_gains
 ):
@@ -112,7 +112,7 @@ def longer_window(
     return negative
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def fill_sorted(tasks, gains, total, begin, end):
     """Write the gains of one row by decreasing gain, equal gains by ascending task (Shell's sort)."""
     for e in range(begin, end):

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.util
+import inspect
 import logging
 import os
 import pickle
+import pkgutil
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 from types import ModuleType
@@ -15,6 +20,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+import sapopt
 from sapopt.kernels import clock, jit, matching
 
 SOURCE = """
@@ -163,3 +169,55 @@ def test_the_compiler_is_timed_and_told_of(
     )
     assert len(heard) == 1
     assert [record.message for record in caplog.records if record.name == clock.__name__] == heard
+
+
+def _is_slice(target: ast.expr) -> bool:
+    return isinstance(target, ast.Subscript) and any(
+        isinstance(part, ast.Slice) for part in ast.walk(target.slice)
+    )
+
+
+def _makes_arrays(kernel: jit.Kernel) -> list[str]:
+    """Expressions of a kernel's source that make an array, a list or a copy."""
+    plain = {
+        "int64",
+        "int32",
+        "float64",
+        "exp",
+        "log",
+        "sqrt",
+        "abs",
+        "isnan",
+        "isinf",
+        "isfinite",
+        "nextafter",
+    }
+    found = []
+    for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(kernel.py_func)))):
+        if isinstance(node, (ast.List, ast.ListComp, ast.Dict, ast.Set)):
+            found.append(ast.unparse(node))
+        elif isinstance(node, ast.Call):
+            name = ast.unparse(node.func)
+            if (name.startswith("np.") and name[3:] not in plain) or name.endswith(".copy"):
+                found.append(name)
+        elif isinstance(node, ast.Assign) and not isinstance(node.value, ast.Constant):
+            # numba copies what is assigned to a slice, in case the two overlap
+            found += [ast.unparse(node) for target in node.targets if _is_slice(target)]
+    return found
+
+
+def test_kernels_that_borrow_make_and_return_no_array() -> None:
+    """A kernel without counting of references would leak an array that it made, and free one that it returned."""
+    from numba import types
+
+    for module in pkgutil.walk_packages(sapopt.__path__, "sapopt."):
+        if "torch" not in module.name and "learning" not in module.name:
+            importlib.import_module(module.name)
+    borrowing = [kernel for kernel in jit.KERNELS if kernel.options.get("_nrt") is False]
+    assert len(borrowing) > 50
+    assert {repr(kernel): _makes_arrays(kernel) for kernel in borrowing if _makes_arrays(kernel)} == {}
+    for kernel in borrowing:
+        for compiled in kernel.dispatcher.overloads.values() if kernel._dispatcher is not None else ():
+            returned = compiled.signature.return_type
+            parts = returned.types if isinstance(returned, types.BaseTuple) else (returned,)
+            assert not any(isinstance(part, types.Array) for part in parts), (kernel, returned)

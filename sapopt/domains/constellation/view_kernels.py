@@ -14,7 +14,7 @@ _SMALL = 10_000
 _INSERT = 64  # ranges up to this length are sorted by plain insertion
 
 
-@njit(cache=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, no_cpython_wrapper=True)
 def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:
     """Range of the south-to-north sorted `ground` points whose latitude a satellite can see."""
     latitude = math.asin(min(1.0, max(-1.0, sine_latitude)))
@@ -25,7 +25,7 @@ def _band(ground: FloatArray, sine_latitude: float, footprint: float) -> Any:
     return _first_above(ground, math.sin(south) - 2e-15), _first_above(ground, math.sin(north) + 1e-15)
 
 
-@njit(cache=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, no_cpython_wrapper=True)
 def _first_above(ground: FloatArray, z: float) -> int:
     """The first of the south-to-north sorted `ground` points that lies north of `z`."""
     low, high = 0, len(ground)
@@ -38,7 +38,7 @@ def _first_above(ground: FloatArray, z: float) -> int:
     return low
 
 
-@njit(cache=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, no_cpython_wrapper=True)
 def _sort(values: IntArray, begin: int, end: int) -> None:
     """Sort a range in ascending order (Shell's sort; numba's own takes seconds to compile)."""
     gap = 1

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.blocks import work_array
 from sapopt.kernels.jit import njit
 from sapopt.kernels.windows import fill_sorted
 
@@ -131,8 +132,8 @@ def make_scratch(T: int, m: int, most: int, capacity: int) -> tuple[Scratch]:
     """Work arrays of one thread, for agents of at most `most` entries."""
     return (
         Scratch(
-            np.empty((T + 1, capacity + 1)), np.empty((most, capacity + 1)), np.empty(T + 1, np.int64),
-            np.full(m, -1, np.int64), np.empty(T), np.empty(T, np.int64),
+            work_array((T + 1, capacity + 1)), work_array((most, capacity + 1)), work_array(T + 1, np.int64),
+            work_array(m, np.int64, -1), work_array(T), work_array(T, np.int64),
         ),
     )  # fmt: skip
 
@@ -144,7 +145,7 @@ def link_rows(indptr: IntArray, indices: NDArray[np.int32], data: FloatArray, n:
     return rows
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _link(rows):
     n, indptr, indices = rows.n, rows.indptr, rows.indices
     for r in range(indptr.size - 1 - n):
@@ -167,7 +168,7 @@ def row_maxima(indptr: IntArray, data: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _idle_places(i, rows, prices, cheapest, scratch):
     """Cheapest task without an entry at every step, and its price; +inf and -1 if there is none.
 
@@ -195,7 +196,7 @@ def _idle_places(i, rows, prices, cheapest, scratch):
             mark[indices[e]] = -1
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
 def _values(i, rows, rule, prices, first, scratch):
     """Fill ``N = scratch.paid`` from step `first` on, and ``X = scratch.working`` of one agent; see the module."""
     n, indptr, indices, data, follow, back = rows
@@ -253,7 +254,7 @@ def _values(i, rows, rule, prices, first, scratch):
                 N[k, level] = max(N[k, level], net + X[x, min(level + charge, capacity)])
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _walk(i, rows, rule, prices, before, scratch, out):
     """Write the best path of one agent to `out` (T,) and return its value.
 
@@ -306,7 +307,7 @@ def _walk(i, rows, rule, prices, before, scratch, out):
     return value
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def best_paths(begin, end, rows, rule, before, prices, cheapest, values, plan, scratch):
     """Longest paths of the agents of a block: fills `values` (n,) and `plan` (n, T).
 
@@ -318,7 +319,7 @@ def best_paths(begin, end, rows, rule, before, prices, cheapest, values, plan, s
         values[i] = _walk(i, rows, rule, prices, before, scratch, plan[i])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def place(order, rows, rule, before, closed, prices, none, plan, path, scratch):
     """Let the agents of `order` re-plan one by one, see `sapopt.dynamics.paths.oracles.PlacingOracle`.
 
@@ -336,7 +337,7 @@ def place(order, rows, rule, before, closed, prices, none, plan, path, scratch):
             closed[k, path[k]] = np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def first_entries(begin, end, rows, rule, before, prices, cheapest, rest, listed, scratch):
     """Values of the paths by their first task, for the agents of a block; the prices of the first step must be 0.
 
@@ -373,7 +374,7 @@ def first_entries(begin, end, rows, rule, before, prices, cheapest, rest, listed
                 listed[b] = listed[e]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def first_gains(rows, rest, listed, total, row_start, tasks, gains):
     """Sorted rows of what every listed first task brings beyond `rest`; returns how many entries they have.
 
@@ -398,7 +399,7 @@ def first_gains(rows, rest, listed, total, row_start, tasks, gains):
     return filled
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def add_values(begin, end, rows, rule, prices, cheapest, scratch, total):
     """Add N_k[l] of the agents of a block to `total` (T + 1, levels + 1)."""
     T = prices.shape[0]

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.blocks import work_array
 from sapopt.kernels.jit import njit
 
 _FAST = {"nnan", "nsz", "reassoc", "contract"}
@@ -82,14 +83,14 @@ def make_soft_scratch(T: int, m: int, most: int, capacity: int) -> tuple[SoftScr
     levels = capacity + 1
     return (
         SoftScratch(
-            np.empty((T + 1, levels)), np.empty((most, levels)), np.empty(most), np.empty(most),
-            np.empty(T + 1, np.int64), np.empty(T), np.empty(T), np.empty(T), np.empty(T),
-            np.empty((most, levels)), np.empty(levels), np.empty(levels), np.full(m, -1, np.int64),
+            work_array((T + 1, levels)), work_array((most, levels)), work_array(most), work_array(most),
+            work_array(T + 1, np.int64), work_array(T), work_array(T), work_array(T), work_array(T),
+            work_array((most, levels)), work_array(levels), work_array(levels), work_array(m, np.int64, -1),
         ),
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def soft_paths(begin, end, rows, rule, before, smoothing, cheapest, log_z, scratch, usage, unlisted):
     """Smoothed values of the agents of a block: fills `log_z` (n,), adds to `usage` (T, m) and `unlisted` (T,).
 
@@ -104,7 +105,7 @@ def soft_paths(begin, end, rows, rule, before, smoothing, cheapest, log_z, scrat
             log_z[i] = -np.inf
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _idle_sums(i, rows, weight, cheapest, scratch):
     """Fill `scratch.unlisted`; the cheapest tasks are added one by one, see `cheapest_and_rest`."""
     n, indptr, indices = rows.n, rows.indptr, rows.indices
@@ -126,7 +127,7 @@ def _idle_sums(i, rows, weight, cheapest, scratch):
         scratch.unlisted[k] = total
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
 def _backward(i, rows, rule, smoothing, scratch):
     """Fill `scratch` by the recursion of N and X, see the module; False if an agent with charge has no path.
 
@@ -209,7 +210,7 @@ def _backward(i, rows, rule, smoothing, scratch):
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
 def _forward(i, rows, rule, before, smoothing, scratch, usage, unlisted):
     """Add one agent's expected use of the tasks; returns log Z.
 

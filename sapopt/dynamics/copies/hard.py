@@ -55,7 +55,7 @@ def _charge(value, cost, forfeit, idle_free):
     return 0.0 if idle_free else cost
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _to_go(i, first, window, prices, row, best, move, stay):
     """Value to go before every step and state, ``best`` (T + 1, R + 1), and the choices behind it.
 

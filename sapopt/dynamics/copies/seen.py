@@ -17,7 +17,7 @@ def _charge(value, cost, forfeit):
     return cost + forfeit * value if value > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _cheapest(order, mark, stamp):
     """First task of the order that is not marked, -1 if all are."""
     for position in range(len(order)):
@@ -26,7 +26,7 @@ def _cheapest(order, mark, stamp):
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _to_go(i, first, window, prices, order, mark, stamps, best, move):
     """Value to go ``best`` (T + 1, R + 1) and the best task ``move`` (T,) of who pays, from step `first` on."""
     n, indptr, indices, data, real, R, cost, forfeit, idle_free, sight, start = window
@@ -46,7 +46,8 @@ def _to_go(i, first, window, prices, order, mark, stamps, best, move):
             if moved > top:
                 top, choice = moved, j
         move[k] = choice
-        best[k, :] = top
+        for r in range(best.shape[1]):
+            best[k, r] = top
         for e in range(lo, hi):
             j, value = indices[e], data[e]
             if value > 0.0:

@@ -98,7 +98,7 @@ def waiting_dues(prices: FloatArray, excluded: np.ndarray) -> FloatArray:
     return dues
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def slot_values(begin, end, window, slots, prices, waiting, values, leave):
     """Value of every slot, and of leaving: fills `values` (slots,) and `leave` (n, T) for the agents of a block.
 
@@ -155,7 +155,7 @@ def sorted_rows(slots: Any, values: FloatArray, leave: FloatArray, dues: FloatAr
     return FirstRows(row_start, tasks[:filled].copy(), worth[:filled].copy(), leave, dues)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _sort_rows(ptr, leave, dues, row_start, tasks, worth, total):
     """Drop the slots that are worth no more than waiting, and sort the rows, in place; returns how many are left."""
     n, hubs = leave.shape

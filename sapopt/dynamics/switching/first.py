@@ -14,7 +14,7 @@ import numpy as np
 from sapopt.kernels.jit import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def first_values(begin, end, window, idle_is_free, prices, out, charge):
     """Uniform cost: fill the rows of `out` (n, m), by the recursion backwards in time over all tasks.
 
@@ -49,7 +49,7 @@ def first_values(begin, end, window, idle_is_free, prices, out, charge):
                         future[j] -= charge[j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def first_values_matrix(begin, end, window, idle_is_free, prices, out, old, free):
     """Matrix cost, O(T m^2) an agent: fill the rows of `out` (n, m); `old` (m,) and `free` (m,) bool are scratch."""
     n, indptr, indices, data, cost = window.n, window.indptr, window.indices, window.data, window.cost

@@ -26,6 +26,7 @@ import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.switching.layout import Slots, Window
+from sapopt.kernels.blocks import work_array
 from sapopt.kernels.jit import njit
 
 # No NaN ever arises (infinities only meet with equal sign), which lets the compiler vectorise the max-reductions.
@@ -48,7 +49,7 @@ def find_slots(window: Window, m: int, everyone: np.ndarray) -> Slots:
     return Slots(ptr, task, entry)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _list_slots(window, common, filling, mark, place, ptr, task, entry):
     """Count the tasks of every agent i into ``ptr[i + 1]``, or fill `task` and `entry`; `mark` (m,) holds zeros."""
     n, indptr, indices = window.n, window.indptr, window.indices
@@ -75,7 +76,7 @@ def _list_slots(window, common, filling, mark, place, ptr, task, entry):
                 entry[e] = place[indices[e]]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
 def waiting_table(begin, end, prices, excluded, price, task, paid):
     """Fill the rows of `Waiting.price` and `Waiting.task` for the first steps of a block; `paid` (m,) is scratch."""
     T, m = prices.shape
@@ -119,11 +120,13 @@ class StrictScratch(NamedTuple):
 def strict_scratch(T: int, slots: int) -> tuple[StrictScratch]:
     """Work arrays of one thread."""
     return (
-        StrictScratch(np.empty(slots), np.empty((T, slots), np.bool_), np.empty(T, np.int64), np.empty(T)),
+        StrictScratch(
+            work_array(slots), work_array((T, slots), np.bool_), work_array(T, np.int64), work_array(T)
+        ),
     )
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
 def strict_paths(begin, end, window, slots, prices, waiting, values, plan, scratch):
     """Longest paths of the agents of a block under the strict rule: fills `values` (n,) and `plan` (n, T).
 
@@ -201,7 +204,7 @@ def strict_paths(begin, end, window, slots, prices, waiting, values, plan, scrat
                 k -= 1
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _free_task(prices, excluded, otherwise, a, b, first):
     """A task that costs nothing over the steps a .. b - 1, the next one from `first` on; `otherwise` if there is none.
 
@@ -244,10 +247,12 @@ class IdleFreeScratch(NamedTuple):
 
 def idle_free_scratch(T: int, entries: int) -> tuple[IdleFreeScratch]:
     """Work arrays of one thread."""
-    return (IdleFreeScratch(np.empty(entries), np.empty(entries, np.bool_), np.empty((T, 2), np.int64)),)
+    return (
+        IdleFreeScratch(work_array(entries), work_array(entries, np.bool_), work_array((T, 2), np.int64)),
+    )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def idle_free_paths(begin, end, window, prices, cheapest, values, plan, scratch):
     """Longest paths of the agents of a block when idling is free: fills `values` (n,) and `plan` (n, T).
 
@@ -327,7 +332,7 @@ def idle_free_paths(begin, end, window, prices, cheapest, values, plan, scratch)
             after = place
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _find(indices, lo, hi, j):
     """Position of task j among the ascending ``indices[lo:hi]``, -1 if it is not there."""
     stop = hi
@@ -340,7 +345,7 @@ def _find(indices, lo, hi, j):
     return lo if lo < hi and indices[lo] == j else -1
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _cheapest_without(indices, lo, hi, row, cheapest):
     """The cheapest task that is not among the ascending ``indices[lo:hi]``, -1 if there is none."""
     for j in cheapest:
@@ -369,10 +374,12 @@ class MatrixScratch(NamedTuple):
 
 def matrix_scratch(T: int, m: int) -> tuple[MatrixScratch]:
     """Work arrays of one thread."""
-    return (MatrixScratch(np.empty(m), np.empty(m), np.zeros(m), np.empty((T, m), np.int32)),)
+    return (
+        MatrixScratch(work_array(m), work_array(m), work_array(m, fill=0.0), work_array((T, m), np.int32)),
+    )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def matrix_paths(begin, end, window, idle_is_free, prices, values, plan, scratch):
     """Longest paths of the agents of a block under a matrix cost: fills `values` (n,) and `plan` (n, T).
 

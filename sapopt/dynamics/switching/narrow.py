@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sapopt.data.types import FloatArray
 from sapopt.dynamics.switching.layout import Window
+from sapopt.kernels.blocks import work_array
 from sapopt.kernels.jit import njit
 
 
@@ -42,10 +43,10 @@ class NarrowScratch(NamedTuple):
 
 def narrow_scratch(T: int, slots: int) -> tuple[NarrowScratch]:
     """Work arrays of one thread."""
-    return (NarrowScratch(np.empty((T, slots)), np.empty(T), np.empty(T + 1), np.empty(slots)),)
+    return (NarrowScratch(work_array((T, slots)), work_array(T), work_array(T + 1), work_array(slots)),)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def near_entries(begin, end, window, slots, prices, waiting, regret, near, scratch):
     """Mark in `near` (entries,) those of reduced cost at most `regret` under the strict rule, and the negative ones.
 

@@ -23,7 +23,8 @@ from sapopt.dynamics.switching import narrow as narrow
 from sapopt.dynamics.switching import soft_idle as soft_idle
 from sapopt.dynamics.switching import soft_strict as soft
 from sapopt.dynamics.switching.layout import Slots, Waiting, Window
-from sapopt.kernels.blocks import in_blocks, summed_in_blocks
+from sapopt.dynamics.switching.soft_strict import SoftWaiting
+from sapopt.kernels.blocks import in_blocks, summed_in_blocks, work_array
 
 
 class _Switching:
@@ -76,7 +77,7 @@ class _Switching:
         out = np.empty((n, m))
         in_blocks(
             first.first_values, n, self.window, idle_is_free, self._prices(prices), out,
-            scratch=lambda: (np.empty(m),), turns=3.0 * T * n * m,
+            scratch=lambda: (work_array(m),), turns=3.0 * T * n * m,
         )  # fmt: skip
         return out
 
@@ -91,6 +92,7 @@ class StrictSwitching(_Switching):
         # A task with a negative or forbidden entry is no safe place to wait, so every agent keeps it as a slot.
         self.excluded = np.zeros(m, dtype=np.bool_)
         self.excluded[self.window.indices[self.window.data < 0.0]] = True
+        self._free = np.flatnonzero(~self.excluded) if self.excluded.any() else slice(None)
         self._set_slots(True)
         # The table of waiting costs O(T^2 m) once and O(T^2) an agent; with few tasks a slot for each is cheaper.
         if not self.slots.task.size / max(n, 1) + T / 2 < m:
@@ -197,7 +199,7 @@ class StrictSwitching(_Switching):
         table = Waiting(True, np.zeros((T, T + 1)), np.zeros((T, T + 1), dtype=np.int32), self.excluded)
         in_blocks(
             kernels.waiting_table, T, p, self.excluded, table.price, table.task,
-            scratch=lambda: (np.empty(m),), turns=0.5 * T * T * m,
+            scratch=lambda: (work_array(m),), turns=0.5 * T * T * m,
         )  # fmt: skip
         return table
 
@@ -219,35 +221,49 @@ class StrictSwitching(_Switching):
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
         smoothing = self._smoothing(prices, temperature)
-        shares = self._soft_waiting(smoothing) if self.park else np.zeros((1, 1))
+        waiting = self._soft_waiting(smoothing)
         log_z = np.empty(n)
         usage, mass = summed_in_blocks(
-            soft.soft_strict_paths, n, ((T, m), (T + 1, T)),
-            self.window, self.slots, smoothing, self.park, shares, log_z,
+            soft.soft_strict_paths, n, ((T, m), (T, T + 1)),
+            self.window, self.slots, smoothing, waiting, log_z,
             scratch=partial(soft.strict_soft_scratch, T, self._widest, self._most), turns=5.0 * self._turns,
         )  # fmt: skip
         if self.park:
-            usage += self._spread(smoothing, shares, mass)
+            usage += self._spread(smoothing, waiting, mass)
         return smoothing.temperature * log_z, usage
 
-    def _soft_waiting(self, smoothing: Smoothing) -> FloatArray:
-        T, m = smoothing.weight.shape
-        shares = np.full((T + 1, T), -1e300)
-        in_blocks(
-            soft.soft_waiting, T, smoothing.weight, self.excluded, shares,
-            scratch=lambda: (np.empty(m),), turns=0.5 * T * T * m,
-        )  # fmt: skip
-        return shares
+    def _soft_waiting(self, smoothing: Smoothing) -> SoftWaiting:
+        if not self.park:
+            return SoftWaiting(False, True, np.ones(1), np.zeros((1, 1)), np.zeros((1, 1)))
+        weight, free = smoothing.weight, self._free
+        T, m = weight.shape
+        somewhere = not self.excluded.all()
+        best = weight[:, free].max(axis=1) if somewhere else np.ones(T)
+        table, linear = np.zeros((T, T + 1)), not somewhere
+        if somewhere and best.min() > soft.LEAST:
+            lowest = np.empty(T)
+            in_blocks(
+                soft.soft_waiting, T, weight, best, self.excluded, table, lowest,
+                scratch=lambda: (work_array(m),), turns=0.1 * T * T * m,
+            )  # fmt: skip
+            linear = bool(lowest.min() > soft.LEAST)
+        if not linear:
+            table.fill(-1e300)
+            in_blocks(
+                soft.soft_waiting_logs, T, weight, self.excluded, table,
+                scratch=lambda: (work_array(m),), turns=0.5 * T * T * m,
+            )  # fmt: skip
+        return SoftWaiting(True, linear, best, table, np.ascontiguousarray(table.T))
 
-    def _spread(self, smoothing: Smoothing, shares: FloatArray, mass: FloatArray) -> FloatArray:
+    def _spread(self, smoothing: Smoothing, waiting: SoftWaiting, mass: FloatArray) -> FloatArray:
         """Usage (T, m) of the agents that wait, from their numbers by interval."""
         T, m = smoothing.weight.shape
         counts = mass > 1e-6
-        last = np.where(counts.any(axis=0), T - np.argmax(counts[::-1], axis=0), 0)
+        last = np.where(counts.any(axis=1), T - np.argmax(counts[:, ::-1], axis=1), 0)
         usage = np.empty((m, T))
         in_blocks(
-            soft.spread_waiting, m, smoothing, self.excluded, shares, mass, last, usage,
-            scratch=lambda: (np.empty(T), np.empty(T + 1)), turns=0.5 * T * T * m,
+            soft.spread_waiting, m, smoothing, self.excluded, waiting, mass, last, usage,
+            scratch=lambda: (work_array(T), work_array(T + 1)), turns=0.5 * T * T * m,
         )  # fmt: skip
         return usage.T
 
@@ -346,7 +362,7 @@ class MatrixSwitching(_Switching):
         out = np.empty((n, m))
         in_blocks(
             first.first_values_matrix, n, self.window, self.idle_is_free, self._prices(prices), out,
-            scratch=lambda: (np.empty(m), np.empty(m, dtype=np.bool_)), turns=float(T * n * m * m),
+            scratch=lambda: (work_array(m), work_array(m, dtype=np.bool_)), turns=float(T * n * m * m),
         )  # fmt: skip
         return out
 

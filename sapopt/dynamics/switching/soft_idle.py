@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.kernels.blocks import work_array
 from sapopt.kernels.jit import njit
 
 _FAST = {"nnan", "nsz", "reassoc", "contract"}
@@ -56,13 +57,13 @@ def idle_soft_scratch(T: int, m: int, entries: int) -> tuple[IdleSoftScratch]:
     """Work arrays of one thread."""
     return (
         IdleSoftScratch(
-            np.empty(entries), np.empty(entries), np.empty(entries, np.int64), np.empty(entries),
-            np.full(m, -1, np.int64), np.empty(T), np.empty(T), np.empty(T),
+            work_array(entries), work_array(entries), work_array(entries, np.int64), work_array(entries),
+            work_array(m, np.int64, -1), work_array(T), work_array(T), work_array(T),
         ),
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def soft_idle_free_paths(begin, end, window, smoothing, cheapest, log_z, scratch, usage, unlisted):
     """Smoothed values of the agents of a block: fills `log_z` (n,), adds to `usage` (T, m) and `unlisted` (T,).
 
@@ -75,7 +76,7 @@ def soft_idle_free_paths(begin, end, window, smoothing, cheapest, log_z, scratch
             _behind(i, window, smoothing, scratch, usage, unlisted)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
 def _ahead(i, window, smoothing, cheapest, scratch):
     """Forward recursion of one agent: fills `scratch`, returns log Z.
 
@@ -148,7 +149,7 @@ def _ahead(i, window, smoothing, cheapest, scratch):
     return log_z
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
 def _behind(i, window, smoothing, scratch, usage, unlisted):
     """Backward recursion of one agent: adds to `usage` and `unlisted`.
 

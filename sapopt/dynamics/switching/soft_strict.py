@@ -9,8 +9,8 @@ move = exp(-cost / eps), weight = exp(-price / eps), gain = exp(benefit / eps):
     backward   behind_k[j] = (weight gain behind)_{k+1}[j] + move sum_j (weight gain behind)_{k+1}[j]
 
 Every step is rescaled, so only ratios within one step matter; what underflows there is worse than moving away by far
-more than the cost of a move. Waiting on tasks that the agent never sees runs over shared intervals, as in the hard
-recursion: ``shares[b, a] = log sum_j exp(-sum_{a <= k < b} price_k[j] / eps)``.
+more than the cost of a move. Waiting on tasks that the agent never sees runs over intervals a .. b - 1 that all agents
+share, as in the hard recursion, here with the sums over the tasks of the product of their weights: see `SoftWaiting`.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sapopt.data.types import FloatArray
+from sapopt.kernels.blocks import work_array
 from sapopt.kernels.jit import njit
 
 _FAST = {"nnan", "nsz", "reassoc", "contract"}
@@ -31,12 +32,69 @@ _FAST = {"nnan", "nsz", "reassoc", "contract"}
 _TINY = -30.0
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def soft_waiting(begin, end, weight, excluded, shares, held):
-    """Fill the columns of a block of `shares` (T + 1, T), the logarithms of the weights of waiting.
+LEAST = 1e-140
+"""Least weight with which `SoftWaiting.linear` is safe: over the least weight of a move it stays within floats."""
 
-    ``shares[b, a]`` sums over the tasks not excluded the product of `weight` (T, m) over the steps a .. b - 1; it holds
-    a number close to -inf on entry. `held` (m,) is scratch.
+# What is set to zero in time, before it becomes a number that processors are slow with.
+_NOTHING = 1e-200
+
+
+class SoftWaiting(NamedTuple):
+    """What waiting weighs, the same for all agents.
+
+    Attributes
+    ----------
+    shared : bool
+        Whether there are tasks to wait on; else every task is a slot and the arrays have size 1.
+    linear : bool
+        Whether the table holds weights, relative to `best`; else, as these would leave the range of floats, logarithms
+        of weights.
+    best : (T,) float64
+        Greatest weight of one task that may be waited on.
+    table : (T, T + 1) float64
+        At [a, b] the sum over these tasks of the product of their weights over the steps a .. b - 1, each divided by
+        `best` where `linear`.
+    by_end : (T + 1, T) float64
+        The same at [b, a].
+    """
+
+    shared: bool
+    linear: bool
+    best: FloatArray
+    table: FloatArray
+    by_end: FloatArray
+
+
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
+def soft_waiting(begin, end, weight, best, excluded, table, lowest, held):
+    """Fill the rows of a block of `table` (T, T + 1) as `SoftWaiting.linear`, and the least of each in `lowest` (T,).
+
+    `held` (m,) is scratch.
+    """
+    T, m = weight.shape
+    for a in range(begin, end):
+        for j in range(m):
+            held[j] = 0.0 if excluded[j] else 1.0
+        lowest[a] = np.inf
+        for b in range(a + 1, T + 1):
+            row = weight[b - 1]
+            inverse = 1.0 / best[b - 1]
+            total = 0.0
+            for j in range(m):
+                v = held[j] * (row[j] * inverse)
+                if v < _NOTHING:
+                    v = 0.0
+                held[j] = v
+                total += v
+            table[a, b] = total
+            lowest[a] = min(lowest[a], total)
+
+
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
+def soft_waiting_logs(begin, end, weight, excluded, table, held):
+    """Fill the rows of a block of `table` (T, T + 1) with logarithms; it holds a number close to -inf on entry.
+
+    `held` (m,) is scratch.
     """
     T, m = weight.shape
     for a in range(begin, end):
@@ -53,43 +111,52 @@ def soft_waiting(begin, end, weight, excluded, shares, held):
                 total += v
             if not total > 0.0:
                 break
-            shares[b, a] = level + np.log(total)
+            table[a, b] = level + np.log(total)
             factor = 1.0
             if total < 1e-100:  # rescale before anything that matters underflows
                 factor = 1.0 / total
                 level += np.log(total)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def spread_waiting(begin, end, smoothing, excluded, shares, mass, last, usage, paid, held):
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
+def spread_waiting(begin, end, smoothing, excluded, waiting, mass, last, usage, paid, held):
     """Fill the rows of a block of tasks of `usage` (m, T): who waits, spread over the tasks by their weight.
 
     Parameters
     ----------
-    mass : (T + 1, T) float64
-        Expected number of agents that wait over the steps a .. b - 1, at [b, a].
+    mass : (T, T + 1) float64
+        Expected number of agents that wait over the steps a .. b - 1, at [a, b].
     last : (T,) int64
         Largest b whose mass counts, for every a; 0 if there is none.
     paid, held : (T,) and (T + 1,) float64
         Scratch.
     """
-    eps, prices = smoothing.temperature, smoothing.prices
+    eps, prices, weight, table = smoothing.temperature, smoothing.prices, smoothing.weight, waiting.table
+    least = np.exp(_TINY)
     T = prices.shape[0]
     for j in range(begin, end):
         for k in range(T):
             usage[j, k] = 0.0
-            paid[k] = prices[k, j]
+            paid[k] = weight[k, j] / waiting.best[k] if waiting.linear else prices[k, j]
         if excluded[j]:
             continue
         for a in range(T):
-            price = 0.0
+            price, product = 0.0, 1.0
             for b in range(a + 1, last[a] + 1):
-                price += paid[b - 1]
                 held[b] = 0.0
-                if mass[b, a] > 1e-6:
-                    share = -price / eps - shares[b, a]
-                    if share > _TINY:
-                        held[b] = np.exp(share) * mass[b, a]
+                share = 0.0
+                if waiting.linear:
+                    product *= paid[b - 1]
+                    if product < _NOTHING:
+                        product = 0.0
+                    if mass[a, b] > 1e-6:
+                        share = product / table[a, b]
+                else:
+                    price += paid[b - 1]
+                    if mass[a, b] > 1e-6:
+                        share = np.exp(-price / eps - table[a, b])
+                if share > least:
+                    held[b] = share * mass[a, b]
             # Whoever leaves at b was there at every step since a.
             total = 0.0
             for k in range(last[a] - 1, a - 1, -1):
@@ -107,9 +174,11 @@ class StrictSoftScratch(NamedTuple):
     scale : (T, 2) float64
         What a step's weights were multiplied by: those of plain tasks, and those of entries.
     enter : (T,) float64
-        Log weight of all ways before a step that pay for a move there.
-    leave : (T,) float64
-        Log weight of what follows a step after a move, less `level` of that step.
+        Log weight of all ways before a step that pay for a move there. Where `SoftWaiting.linear`, their weight among
+        all ways up to the step before the present one, times `best` from there to the present step.
+    leave : (T + 1,) float64
+        Log weight of what follows a step after a move, less `level` of that step. Where `SoftWaiting.linear`, at b the
+        weight of what follows a move at b, scaled like `behind`, times `best` from the present step to b.
     level : (T,) float64
         Log weight of all ways up to a step.
     behind : (S,) float64
@@ -131,20 +200,20 @@ def strict_soft_scratch(T: int, slots: int, entries: int) -> tuple[StrictSoftScr
     """Work arrays of one thread."""
     return (
         StrictSoftScratch(
-            np.empty((T, slots)), np.empty((T, 2)), np.empty(T), np.empty(T), np.empty(T), np.empty(slots),
-            np.empty(entries),
+            work_array((T, slots)), work_array((T, 2)), work_array(T), work_array(T + 1), work_array(T),
+            work_array(slots), work_array(entries),
         ),
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def soft_strict_paths(
-    begin, end, window, slots, smoothing, waits, shares, log_z, scratch, usage, mass
+    begin, end, window, slots, smoothing, waiting, log_z, scratch, usage, mass
 ):  # fmt: skip
-    """Smoothed values of the agents of a block: fills `log_z` (n,), adds to `usage` (T, m) and `mass` (T + 1, T).
+    """Smoothed values of the agents of a block: fills `log_z` (n,), adds to `usage` (T, m) and `mass` (T, T + 1).
 
-    `waits`: whether there are tasks to wait on, with the weights `shares` of `soft_waiting`; `mass` gets the expected
-    numbers of agents that wait over intervals of steps, `usage` those that hold one of their slots.
+    `mass` gets the expected numbers of agents that wait over intervals of steps, `usage` those that hold one of their
+    slots.
     """
     log_move = np.log(smoothing.move)
     for i in range(begin, end):
@@ -160,23 +229,23 @@ def soft_strict_paths(
         first = smoothing.move if before >= 0 else 1.0
         log_first = log_move if before >= 0 else 0.0
         log_z[i] = _ahead(
-            i, window, slots.entry, tasks, smoothing, before, first, log_first, waits, shares, scratch
+            i, window, slots.entry, tasks, smoothing, before, first, log_first, waiting, scratch
         )
         if log_z[i] > -np.inf:
             _behind(
-                i, window, slots.entry, tasks, smoothing, first, log_first, waits, shares, scratch, usage, mass
+                i, window, slots.entry, tasks, smoothing, first, log_first, waiting, scratch, usage, mass
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
-def _ahead(i, window, entry, tasks, smoothing, before, first, log_first, waits, shares, scratch):
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+def _ahead(i, window, entry, tasks, smoothing, before, first, log_first, waiting, scratch):
     """Forward recursion of one agent: fills `scratch`, returns log Z.
 
         ahead_k[s] = (ahead_{k-1}[s] + move) * weight_k[s]    (or the gain of an entry in place of the weight)
 
-    divided by the step's total, in which the ways that wait since step a count as
-    ``exp(enter_a + shares[k + 1, a])``. The sum of ``ahead_{k-1}`` is 1, less what waits, so the ways that move to slot
-    s together weigh `move`.
+    divided by the step's total, in which the ways that wait since step a count as the weight of those that began then
+    times that of the interval a .. k. The sum of ``ahead_{k-1}`` is 1, less what waits, so the ways that move to slot s
+    together weigh `move`.
     """
     n, indptr, data = window.n, window.indptr, window.data
     eps, move, prices, weight = smoothing.temperature, smoothing.move, smoothing.prices, smoothing.weight
@@ -219,9 +288,20 @@ def _ahead(i, window, entry, tasks, smoothing, before, first, log_first, waits, 
         total = 0.0
         for s in range(size):
             total += here[s]
-        if waits:
+        column = waiting.by_end[k + 1 if waiting.shared else 0]
+        if waiting.shared and waiting.linear:
+            if k > 0:
+                factor = scale[k - 1, 0] * waiting.best[k]
+                for a in range(k):
+                    x = enter[a] * factor
+                    enter[a] = x if x > _NOTHING else 0.0
+            enter[k] = (first if k == 0 else move) * waiting.best[k]
+            waits = 0.0
+            for a in range(k + 1):
+                waits += enter[a] * column[a]
+            total += waits * shift
+        elif waiting.shared:
             enter[k] = (log_first if k == 0 else log_move) + log_z
-            column = shares[k + 1]
             above = log_z + top / eps
             for a in range(k + 1):
                 x = enter[a] + column[a] - above
@@ -240,9 +320,9 @@ def _ahead(i, window, entry, tasks, smoothing, before, first, log_first, waits, 
     return log_z
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST, no_cpython_wrapper=True)
 def _behind(
-    i, window, entry, tasks, smoothing, first, log_first, waits, shares, scratch, usage, mass
+    i, window, entry, tasks, smoothing, first, log_first, waiting, scratch, usage, mass
 ):  # fmt: skip
     """Backward recursion of one agent: adds to `usage` and `mass`.
 
@@ -263,7 +343,9 @@ def _behind(
         g += indptr[k * n + i + 1] - indptr[k * n + i]
     for s in range(size):
         behind[s] = 1.0
-    leave[T - 1] = -level[T - 1]
+    back = 1.0
+    if not waiting.linear:
+        leave[T - 1] = -level[T - 1]
     for k in range(T - 1, -1, -1):
         here = ahead[k]
         row_usage = usage[k]
@@ -291,18 +373,33 @@ def _behind(
             v = gain[g + e - lo]
             behind[entry[e]] = v
             total += v
-        if waits:
+        if waiting.shared:
+            row_waiting, row_mass = waiting.table[k], mass[k]
             factor = move if k > 0 else first
-            log_factor = log_move if k > 0 else log_first
-            above = level[k - 1] if k > 0 else 0.0
-            for b in range(k + 1, T + 1):
-                x = leave[b - 1] + shares[b, k] + above
-                if x + log_factor > _TINY:
-                    v = np.exp(x)
-                    total += v
-                    mass[b, k] += v * factor
+            if waiting.linear:
+                onward = base * waiting.best[k]
+                for b in range(k + 2, T + 1):
+                    x = leave[b] * onward
+                    leave[b] = x if x > _NOTHING else 0.0
+                leave[k + 1] = back * onward
+                waits = 0.0
+                for b in range(k + 1, T + 1):
+                    v = leave[b] * row_waiting[b]
+                    waits += v
+                    row_mass[b] += v * factor
+                total += waits
+            else:
+                log_factor = log_move if k > 0 else log_first
+                above = level[k - 1] if k > 0 else 0.0
+                for b in range(k + 1, T + 1):
+                    x = leave[b - 1] + row_waiting[b] + above
+                    if x + log_factor > _TINY:
+                        v = np.exp(x)
+                        total += v
+                        row_mass[b] += v * factor
         if k > 0:
             back = move * total
-            leave[k - 1] = np.log(back) - level[k - 1]
+            if not waiting.linear:
+                leave[k - 1] = np.log(back) - level[k - 1]
             for s in range(size):
                 behind[s] += back

@@ -43,7 +43,7 @@ class Wishes(NamedTuple):
     spread: IntArray
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def best_bid(agent, wishes, price, epsilon, widest, mark, stamp):
     """Task and bid of an agent under the prices it knows; task -1 if no task is open to it.
 

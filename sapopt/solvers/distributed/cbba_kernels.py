@@ -83,13 +83,13 @@ class Bundles(NamedTuple):
     length: IntArray
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def beats(bid, agent, other_bid, other):
     """Whether a bid wins over another; equal bids go to the lower number."""
     return bid > other_bid or (bid == other_bid and agent < other)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def decide(i, k, yi, zi, yk, zk, si, sk):
     """What receiver i does about a slot on hearing sender k (Choi, Brunet and How, 2009, Table I).
 
@@ -127,7 +127,7 @@ def decide(i, k, yi, zi, yk, zk, si, sk):
     return UPDATE if sk[zi] > si[zi] else LEAVE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def mark_disputed(tables, differs):
     """Mark the slots (L * m,) on which the tables of the agents differ; on all others every rule changes nothing."""
     y, z = tables.bid, tables.winner
@@ -136,7 +136,7 @@ def mark_disputed(tables, differs):
             differs[c] |= (z[i, c] != z[0, c]) | (y[i, c] != y[0, c])
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def charge(cost, a, b):
     """Cost of moving from task a to task b; `cost` is 1 by 1 if uniform, and nothing is paid from or to no task."""
     if a < 0 or b < 0 or a == b:
@@ -144,7 +144,7 @@ def charge(cost, a, b):
     return cost[0, 0] if len(cost) == 1 else cost[a, b]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def bundle_phase(begin, end, offers, tables, bundles, changed):
     """Release what was lost and build on, every agent of a block."""
     for i in range(begin, end):
@@ -157,7 +157,7 @@ def bundle_phase(begin, end, offers, tables, bundles, changed):
         bundles.length[i] = grown
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _release(i, m, tables, bundles):
     """Give up the first slot of the bundle that was lost and all after it: their scores rested on it."""
     y, z = tables.bid[i], tables.winner[i]
@@ -175,7 +175,7 @@ def _release(i, m, tables, bundles):
     return bundles.length[i]
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
 def _build(i, offers, tables, bundles, count):
     """Add slots to agent i's bundle while it gains by one and wins it; returns the new length of the bundle.
 
@@ -223,7 +223,7 @@ def _build(i, offers, tables, bundles, count):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def consensus_phase(begin, end, link_start, links, r, slots, tables, sent, changed):
     """Hear the tables that all neighbours sent, in ascending order of the neighbours; `slots` are those in dispute.
 

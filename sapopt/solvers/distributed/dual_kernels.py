@@ -47,7 +47,7 @@ def find_slots(indptr, indices, data, held, n, m, steps):
     return slot_ptr, tasks[:total].copy(), benefit, place
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def value_to_go(benefit, price, cost, idle_is_free, first, out):
     """out[t, s] = best value over the steps t.. of an agent that held slot s (last: elsewhere) before t, t >= first."""
     slots, steps = benefit.shape
@@ -66,7 +66,7 @@ def value_to_go(benefit, price, cost, idle_is_free, first, out):
         out[t, slots] = max(top, out[t + 1, slots])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def follow(benefit, price, cost, idle_is_free, to_go, start, path):
     """A best path as slots (their number: elsewhere), from slot `start` (-1: nothing held, the first is free)."""
     slots, steps = benefit.shape
@@ -213,7 +213,7 @@ def first_gains(slot_ptr, slot_task, benefit, price, held, cost, idle_is_free):
     return tasks, gains
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def carry_prices(
     link_start, links, old_price, old_place, shift, slot_ptr, slot_task, price
 ):  # fmt: skip

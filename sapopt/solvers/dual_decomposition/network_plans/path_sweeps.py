@@ -29,7 +29,7 @@ _CELLS_AT_ONCE = 10**8
 """Path cells between two looks at the clock, some tenths of a second."""
 
 
-@njit(cache=True)
+@njit(cache=True, borrows=True)
 def best_path(rows, i, prices, first, last, before, after, work, path):  # type: ignore[no-untyped-def]
     """Write agent i's best path over the steps first..last-1 into path[first:last] and return its priced value.
 
@@ -49,7 +49,8 @@ def best_path(rows, i, prices, first, last, before, after, work, path):  # type:
             for j in range(m):
                 values[j] = row[j] - prices[k, j] - move_cost(rows, before, j, row[j])
         elif by_pair:
-            old[:] = values
+            for j in range(m):  # not by a slice: that would make a copy on the way
+                old[j] = values[j]
             for j in range(m):
                 charged = row[j] > 0.0 or not idle_is_free
                 values[j] = -np.inf

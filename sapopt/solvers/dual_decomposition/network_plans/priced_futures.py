@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.kernels.blocks import in_blocks
+from sapopt.kernels.blocks import in_blocks, work_array
 from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, move_cost
 from sapopt.solvers.dual_decomposition.network_plans.priced_assignment import assign
@@ -24,7 +24,7 @@ _LARGE = 4_000_000
 """Pairs above which the assignment starts from the prices even where a free task then counts as worth its price."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def priced_futures(begin, stop, rows, prices, start, end, futures, now, enter, row):  # type: ignore[no-untyped-def]
     """Fill futures[k - start, i, j] with the value of agent i's best path after it held task j at step k < end.
 
@@ -107,7 +107,8 @@ def plan_by_futures(
             prices[start:] = reprice(start, held, prices[start:])
         in_blocks(
             priced_futures, n, arrays.rows, prices, start, end, futures,
-            scratch=lambda: (np.zeros(m), np.empty(m), np.zeros(m)), turns=3.0 * (steps - start) * n * m,
+            scratch=lambda: (work_array(m, fill=0.0), work_array(m), work_array(m, fill=0.0)),
+            turns=3.0 * (steps - start) * n * m,
         )  # fmt: skip
         for k in range(start, end):
             step_weights(arrays.rows, k, held, futures[k - start], weights)

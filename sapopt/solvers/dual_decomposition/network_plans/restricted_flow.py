@@ -24,7 +24,7 @@ _OPTIONS: dict[str, Any] = {"threads": 1, "mip_abs_gap": 1e-6}
 """Several networks are solved at the same time, and none has to be proven to the last digit."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def _candidates(rows, i, plan, first, last, parking, local, tasks):  # type: ignore[no-untyped-def]
     """Collect in ``tasks`` what agent i may use, the seen, the held and ``parking``; return how many.
 
@@ -53,7 +53,7 @@ def _candidates(rows, i, plan, first, last, parking, local, tasks):  # type: ign
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True)
 def marginals(rows, i, prices, first, last, before, after, local, tasks, benefit, forward, backward):  # type: ignore[no-untyped-def]
     """Fill forward[k - first, c] with the best priced path that ends on tasks[c] at step k, backward with what follows.
 
