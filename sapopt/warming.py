@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
 from itertools import count
 
-import numpy as np
-
 from sapopt import api
-from sapopt.domains.tiny import contested_benefits, tiny_problems
-from sapopt.dynamics.base import Model
-from sapopt.kernels.jit import compiled_always
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
+from sapopt.running.control import Run
 from sapopt.running.outlook import Policy
 from sapopt.solvers.base import Solver
+from sapopt.solvers.dual_decomposition.solver import DualDecomposition
 
 STEPS = 3
 """Steps of the problem that is solved: the second one, which has a past, compiles more than the first."""
@@ -40,21 +36,12 @@ def warm_up(problem: SAP, solver: Solver | None) -> None:
         iterations = count(1)
         api.bound(small, callback=lambda progress: next(iterations) >= _ITERATIONS)
         return
+    if isinstance(solver, DualDecomposition):
+        solver.exercise(small, Run(time_limit=_SECONDS))
+        return
     limit = None if isinstance(solver, Policy) else _SECONDS
     if api.solve(small, solver, time_limit=limit).status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-
-
-def warm_up_tiny(problem: SAP, solver: Solver | None) -> None:
-    """Compile what comes only late in a long run: run on the tiny problems whose dynamics is of the problem's kind."""
-    kind = _kind(problem.model)
-    with compiled_always():
-        for _, tiny in tiny_problems():
-            if _kind(tiny.model) == kind:
-                run_tiny(tiny, solver)
-        cost = getattr(problem.dynamics, "cost", None)
-        if np.ndim(cost) == 0 and cost:
-            run_tiny(SAP(contested_benefits() * (float(cost) / 0.7), problem.dynamics), solver)
 
 
 def run_tiny(problem: SAP, solver: Solver | None) -> None:
@@ -62,18 +49,12 @@ def run_tiny(problem: SAP, solver: Solver | None) -> None:
     with suppress(ValueError):
         if solver is None:
             api.bound(problem, time_limit=_TINY_SECONDS)
+        elif isinstance(solver, DualDecomposition):
+            solver.exercise(problem, Run(time_limit=_TINY_SECONDS))
         else:
             # A policy must run all steps: the second one, which has a past, needs more than the first.
             limit = None if isinstance(solver, Policy) else _TINY_SECONDS
             api.solve(problem, solver, time_limit=limit)
-
-
-def _kind(model: Model) -> tuple[object, ...]:
-    """The class of a dynamics and the form of its parameters: what decides which kernels it needs."""
-    if not is_dataclass(model):
-        return (type(model),)
-    values = (getattr(model, field.name) for field in fields(model))
-    return (type(model), *(value if isinstance(value, bool) else np.ndim(value) for value in values))
 
 
 def first_steps(problem: SAP) -> SAP:

@@ -9,6 +9,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
@@ -29,26 +30,30 @@ _PAUSE = 0.05
 
 
 @contextmanager
-def helped(problem: SAP, todo: deque[Job]) -> Iterator[None]:
+def helped(problem: SAP, todo: deque[Job]) -> Iterator[threading.Event]:
     """Within the block, once this process compiles, others take jobs from the end of `todo`.
 
-    They leave compiled code in the cache. A job that they have taken is done at the end of the block, or not at all if
-    a process fails: then whoever needs the code compiles it, as without help.
+    They leave compiled code in the cache. The block gets an event: it sets it when the kernels that all methods share
+    are compiled, and only then do the others go beyond their first job. A job that they have taken is done at the end
+    of the block, or not at all if a process fails: then whoever needs the code compiles it, as without help.
     """
     helpers = _Helpers(problem, todo)
     starter = threading.Thread(target=helpers.start_when_cold, daemon=True)
     starter.start()
     try:
-        yield
+        yield helpers.common
         helpers.finished.set()
+        helpers.common.set()
         starter.join()
         for thread in helpers.threads:
             thread.join()
     finally:
         helpers.finished.set()
+        helpers.common.set()
         starter.join()
         for process in helpers.processes:
             process.terminate()
+            process.join()
         for end in helpers.ends:
             end.close()
 
@@ -58,6 +63,7 @@ class _Helpers:
         self.problem = problem
         self.todo = todo
         self.finished = threading.Event()
+        self.common = threading.Event()  # what the methods have in common is compiled
         self.processes: list[SpawnProcess] = []
         self.threads: list[threading.Thread] = []
         self.ends: list[Connection] = []
@@ -86,8 +92,13 @@ class _Helpers:
             self.threads.append(thread)
 
     def _hand_out(self, end: Connection) -> None:
-        """Give one job after another to a process."""
-        while True:
+        """Give one job after another to a process.
+
+        All methods have the assignment kernel in common, which this process is about to compile; the bound has not.
+        """
+        for turn in count():
+            if turn > 0:
+                self.common.wait()
             try:
                 job = self.todo.pop()
             except IndexError:
@@ -110,5 +121,4 @@ def _work(end: Connection, problem: SAP) -> None:
         except (EOFError, OSError):
             return
         warming.warm_up(problem, solver)
-        warming.warm_up_tiny(problem, solver)
         end.send(None)

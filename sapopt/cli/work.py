@@ -17,6 +17,7 @@ from sapopt.cli.progress import Phase, Reporter
 from sapopt.data.types import FloatArray
 from sapopt.domains.instances import find_instance, instances, scenario
 from sapopt.domains.scenario import Scenario
+from sapopt.kernels.clock import compile_seconds
 from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound
@@ -83,9 +84,15 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
             warming.warm_up(small, job[1])
             done.append(job[0])
 
-        with helped(small, todo), suppress(IndexError):  # nothing left: helpers take from the other end
+        begun = compile_seconds()
+        with (
+            helped(small, todo) as common,
+            suppress(IndexError),
+        ):  # nothing left: helpers take from the other end
             while True:
                 run(todo.popleft())
+                if compile_seconds() > begun:
+                    common.set()
         for job in jobs:
             if job[0] not in done:  # from the cache now
                 run(job)

@@ -52,13 +52,6 @@ def tiny_problems() -> Iterator[tuple[str, SAP]]:
             )
 
 
-def contested_benefits() -> FloatArray:
-    """Benefits (8, 5, 6) over which the dual methods have no easy proof where a move costs 0.7 (a gap is left at first)."""
-    rng = np.random.default_rng(2)
-    shape = (8, 5, 6)
-    return np.round(rng.random(shape), 1) * (rng.random(shape) < 0.6)
-
-
 def _benefits() -> FloatArray:
     rng = np.random.default_rng(0)
     shape = (_STEPS, _AGENTS, _TASKS)

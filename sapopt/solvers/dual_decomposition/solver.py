@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -39,6 +39,9 @@ _LARGE = 4_000_000
 
 _LEAST_GAIN = 0.02
 """Share of the gap that a further round of a large problem must close for another one to follow."""
+
+_EXERCISE = 40
+"""Dual iterations after which the kernels of all stages have been called."""
 
 _QUIET = 6
 """Rounds without a better plan after which the search ends, if the prices have settled as well."""
@@ -109,18 +112,7 @@ class DualDecomposition:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
         if not problem.is_plain:
             return plan_limited(problem, run, self.tolerance, self.name)
-        largest = max(largest_benefits(problem))
-        # The plans over the network hold numbers in single precision and compare them to the ninth decimal.
-        is_usual = largest == 0.0 or _NETWORK_SIZES[0] <= largest <= _NETWORK_SIZES[1]
-        switching = problem.model.switching() is not None and is_usual
-        if not problem.model.is_agent_local:
-            raise ValueError(
-                f"dynamics: {problem.model.called} is not agent-local (it has neither path_oracle nor "
-                "local_model), so no prices take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
-            )
-        builder = _network_builder(self, problem) if switching else _oracle_builder(self, problem)
-        start = rollout(problem, HAA(), run.part()).plan if run.start is None else run.start
-        search = _Search(self, problem, builder, run, start)
+        search = self._begin(problem, run)
         status = Status.FEASIBLE
         try:
             for _ in search.steps():
@@ -136,6 +128,27 @@ class DualDecomposition:
             status = Status.TIME_LIMIT
         bound = float(search.bound) if math.isfinite(search.bound) else None
         return Outcome(search.best, status, bound, search.prices, search.trace)
+
+    def exercise(self, problem: SAP, run: Run) -> None:
+        """Do once all that a long run may come to, proven or not: on a small problem that compiles every kernel."""
+        once = replace(self, sweeps=1, rounds=1, iterations=min(self.iterations, _EXERCISE))
+        for _ in once._begin(problem, run).steps():
+            if run.expired:
+                break
+
+    def _begin(self, problem: SAP, run: Run) -> _Search:
+        largest = max(largest_benefits(problem))
+        # The plans over the network hold numbers in single precision and compare them to the ninth decimal.
+        is_usual = largest == 0.0 or _NETWORK_SIZES[0] <= largest <= _NETWORK_SIZES[1]
+        switching = problem.model.switching() is not None and is_usual
+        if not problem.model.is_agent_local:
+            raise ValueError(
+                f"dynamics: {problem.model.called} is not agent-local (it has neither path_oracle nor "
+                "local_model), so no prices take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
+            )
+        builder = _network_builder(self, problem) if switching else _oracle_builder(self, problem)
+        start = rollout(problem, HAA(), run.part()).plan if run.start is None else run.start
+        return _Search(self, problem, builder, run, start)
 
 
 def _oracle_builder(options: DualDecomposition, problem: SAP) -> PlanBuilder:

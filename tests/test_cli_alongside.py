@@ -1,0 +1,71 @@
+"""Helpers that compile along: they start only when there is something to compile, and a failure costs nothing."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from multiprocessing import active_children
+
+import pytest
+
+from sapopt import warming
+from sapopt.cli import alongside
+from sapopt.domains.instances import instance
+from sapopt.solvers import HAA, HAAL
+
+
+def _jobs() -> deque[alongside.Job]:
+    return deque([("haa", HAA()), ("haal", HAAL(2)), ("bound", None)])
+
+
+def _compiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    began = time.perf_counter()
+    monkeypatch.setattr(alongside, "compile_seconds", lambda: time.perf_counter() - began)
+    monkeypatch.setattr(alongside, "thread_count", lambda: 2)
+
+
+def _wait_until_one_is_taken(todo: deque[alongside.Job]) -> None:
+    until = time.monotonic() + 120.0
+    while len(todo) == 3 and time.monotonic() < until:
+        time.sleep(0.02)
+    assert [name for name, _ in todo] == ["haa", "haal"]
+
+
+def test_nobody_is_started_while_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With everything in the cache all jobs are left to the caller."""
+    monkeypatch.setattr(alongside, "compile_seconds", lambda: 0.0)
+    todo = _jobs()
+    with alongside.helped(warming.first_steps(instance("constellation-toy")), todo):
+        time.sleep(0.2)
+        assert len(todo) == 3
+
+
+def test_helpers_take_from_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once this process compiles, a helper takes the last job, and the others when the common kernels are there."""
+    _compiling(monkeypatch)
+    todo = _jobs()
+    with alongside.helped(warming.first_steps(instance("constellation-toy")), todo) as common:
+        _wait_until_one_is_taken(todo)
+        common.set()
+    assert not todo
+    assert not active_children()
+
+
+def test_a_helper_that_dies_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A helper that is killed leaves its job undone, and the block ends all the same."""
+    _compiling(monkeypatch)
+    todo = _jobs()
+    with alongside.helped(warming.first_steps(instance("constellation-toy")), todo):
+        _wait_until_one_is_taken(todo)
+        for child in active_children():
+            child.kill()
+    assert len(todo) >= 1
+
+
+def test_a_problem_that_cannot_be_sent_gets_no_help(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a process cannot be started, everything is left to the caller, without a word."""
+    _compiling(monkeypatch)
+    todo = _jobs()
+    with alongside.helped(lambda: None, todo):  # type: ignore[arg-type]
+        time.sleep(1.5)
+    assert len(todo) == 3
