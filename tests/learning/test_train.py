@@ -132,7 +132,7 @@ def test_algorithm_4_learns_at_every_step() -> None:
     """One gradient step for each time step; the target network changes at whole multiples of `target_every` alone."""
     learner = Learner(problems, GUIDE, THESIS)
     start = [tensor.clone() for tensor in learner.target.parameters()]
-    episode = learner._begun(problems(0))
+    episode = learner._begun(0)
     learner.replay.add(episode)
     for step, _ in enumerate(learner._steps(episode, 1.0), start=1):
         learner._gradient_steps()
