@@ -107,7 +107,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         axes.bar(place + 0.15 * index, relative, 0.14, label=name)
     axes.set_xticks(place + 0.3, sizes)
     axes.set_ylabel("value over the power-constrained greedy")
-    axes.legend(fontsize=8)
+    axes.set_ylim(top=2.0)
+    axes.legend(fontsize=8, ncols=2, loc="upper left")
     run.write_figure(figure)
     run.write_json({"values": report})
 
