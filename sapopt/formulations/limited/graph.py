@@ -219,47 +219,70 @@ def switching_rule(problem: SAP) -> Switching | None:
 
 def _hub_graph(problem: SAP, cost: float, idle_is_free: bool) -> PathGraph:
     """Nodes of an agent: the source, then for every step the hub that leads in, and the tasks held at it."""
-    T, n, m = problem.T, problem.n, problem.m
-    _check_size(3 * T * n * m)
+    T, m = problem.T, problem.m
     idle, initial = problem.rows.idle, problem.initial_assignment
-    layer = m + 1
-    nodes = 1 + m + (T - 1) * layer
-    benefit = np.stack([dense_step(problem.benefits.step(k)) for k in range(T)])
-    charge = np.where(benefit > 0, cost, 0.0) if idle_is_free else np.full(benefit.shape, cost)
-    if idle >= 0:
-        charge[:, :, idle] = 0.0
-    task = np.arange(m)
-    heads, gains, cells, takes, counts = [], [], [], [], []
-    for i in range(n):
-        base = i * nodes
-        first = base + 1  # node of task 0 held at step 0
-        move = np.ones(m, dtype=bool) if initial is None else task != initial[i]
-        heads.append(first + task)
-        gains.append(benefit[0, i] - (0.0 if initial is None else np.where(move, charge[0, i], 0.0)))
-        cells.append(task)
+    # A copy of the benefits for each agent: (T, m), read in its loop below.
+    benefits = np.stack([dense_step(problem.benefits.step(k)) for k in range(T)], axis=1)
+    places = _places(problem, benefits)
+    _check_size(3 * T * sum(len(own) for own in places))
+    heads, gains, cells, takes, counts, ends, sizes = [], [], [], [], [], [], []
+    first = 0  # node of the agent's source
+    for i, own in enumerate(places):
+        size = len(own)
+        benefit = benefits[i][:, own]
+        charge = np.where(benefit > 0, cost, 0.0) if idle_is_free else np.full(benefit.shape, cost)
+        if idle >= 0:
+            charge[:, own == idle] = 0.0
+        move = np.ones(size, dtype=bool) if initial is None else own != initial[i]
+        place, step = np.arange(size), np.arange(1, T)[:, None]
+        heads.append(first + 1 + place)
+        gains.append(benefit[0] - (0.0 if initial is None else np.where(move, charge[0], 0.0)))
+        cells.append(own)
         takes.append(move)
-        counts.append(np.array([m]))
-        for k in range(1, T):
-            # out of every task held at step k - 1: to the hub, or to stay
-            hub, place = first + m, first + m + 1
-            heads.append(np.stack([np.full(m, hub), place + task], axis=1).ravel())
-            gains.append(np.stack([np.zeros(m), benefit[k, i]], axis=1).ravel())
-            cells.append(np.stack([np.full(m, -1), k * m + task], axis=1).ravel())
-            takes.append(np.zeros(2 * m, dtype=bool))
-            counts.append(np.full(m, 2))
-            heads.append(place + task)
-            gains.append(benefit[k, i] - charge[k, i])
-            cells.append(k * m + task)
-            takes.append(np.ones(m, dtype=bool))
-            counts.append(np.array([m]))
-            first = place
-        counts.append(np.zeros(m, dtype=np.int64))
-    ends = np.zeros(nodes, dtype=bool)
-    ends[nodes - m :] = True
+        counts.append(np.array([size]))
+        # Out of every task held at step k - 1: to the hub of step k, or to stay; and out of the hub to every task.
+        hub = first + 1 + step * (size + 1) - 1
+        stay = np.stack([np.broadcast_to(hub, (T - 1, size)), hub + 1 + place], axis=2).reshape(T - 1, 2 * size)
+        heads.append(np.concatenate([stay, hub + 1 + place], axis=1).ravel())
+        stay = np.stack([np.zeros((T - 1, size)), benefit[1:]], axis=2).reshape(T - 1, 2 * size)
+        gains.append(np.concatenate([stay, benefit[1:] - charge[1:]], axis=1).ravel())
+        held = step * m + own
+        stay = np.stack([np.full((T - 1, size), -1), held], axis=2).reshape(T - 1, 2 * size)
+        cells.append(np.concatenate([stay, held], axis=1).ravel())
+        takes.append(np.tile(np.repeat([False, True], [2 * size, size]), T - 1))
+        counts.append(np.tile(np.append(np.full(size, 2), size), T - 1))
+        counts.append(np.zeros(size, dtype=np.int64))
+        nodes = 1 + size + (T - 1) * (size + 1)
+        ends.append(np.arange(nodes) >= nodes - size)
+        sizes.append(nodes)
+        first += nodes
     return _pruned(PathGraph(
-        problem, np.arange(n + 1) * nodes, _starts(counts), np.concatenate(heads), np.concatenate(gains),
-        np.concatenate(cells), np.concatenate(takes), np.tile(ends, n),
+        problem, _starts([np.array(sizes)]), _starts(counts), np.concatenate(heads).astype(np.int64),
+        np.concatenate(gains), np.concatenate(cells).astype(np.int64), np.concatenate(takes), np.concatenate(ends),
     ))  # fmt: skip
+
+
+def _places(problem: SAP, benefits: FloatArray) -> list[IntArray]:
+    """The tasks that each agent may ever gain by holding; all of them where nobody may idle.
+
+    An agent that may idle has no use for a task that never earns it anything, alone, in a limit or in a team: idling
+    earns as much, costs nothing, and is free to begin.
+    """
+    n, m, rows = problem.n, problem.m, problem.rows
+    by = rows.taken_by
+    # A row that wants take-ups, or pays for them, may be served by taking up anything.
+    wants = bool(np.isfinite(rows.low[by.row]).any() or (by.weight < 0).any())
+    if rows.idle < 0 or wants:
+        return [np.arange(m)] * n
+    useful: np.ndarray = np.any(benefits > 0.0, axis=1)
+    for weights in (rows.pair, rows.taken, rows.stayed):
+        agent, task = np.divmod(weights.cell % (n * m), m)
+        useful[agent, task] = True
+    useful[:, rows.team_cell % m] = True
+    useful[:, rows.idle] = True
+    if problem.initial_assignment is not None:
+        useful[np.arange(n), problem.initial_assignment] = True
+    return [np.flatnonzero(row) for row in useful]
 
 
 def _state_graph(problem: SAP, state: Any) -> PathGraph:
