@@ -46,6 +46,8 @@ def result_record(result: Result, bound: float | None) -> dict[str, Any]:
         "share": result.value / best if best else None,
         "gap": proven.gap,
         "handovers": result.handovers,
+        "paid_handovers": result.evaluation.paid_handovers,
+        "switches": result.evaluation.switches,
         "benefit": float(result.evaluation.benefit.sum()),
         "handover": float(result.evaluation.handover.sum()),
         "seconds": result.runtime,

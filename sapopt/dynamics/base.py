@@ -224,6 +224,10 @@ class Model(ABC):
         """The name of the user's class, for messages; with what it changes of a base that is therefore not believed."""
         return type(self).__name__
 
+    def real_tasks(self, m: int) -> IntArray:
+        """A number for each of m tasks, equal for copies of one: going from copy to copy is no real change of task."""
+        return np.arange(m)
+
     # Said beyond the rule: one step
 
     def handover_at(self, k: int, state: Any, assignment: IntArray) -> FloatArray:

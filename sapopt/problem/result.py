@@ -69,6 +69,11 @@ class Evaluation:
         Use and slack of every limit.
     teams : float
         Rewards of teams.
+    paid_handovers : int or None
+        Steps of agents at which the handover matrix takes something away; None in results of older files.
+    switches : int or None
+        Steps at which an agent goes on from one task with a benefit to another: no idleness on either side, and not
+        from copy to copy of one task. Of all handovers, what an operator would see as a change.
     """
 
     value: float
@@ -77,6 +82,8 @@ class Evaluation:
     handovers: int
     limits: tuple[LimitUse, ...] = ()
     teams: float = 0.0
+    paid_handovers: int | None = None
+    switches: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +204,7 @@ class Result:
             "format": _FORMAT, "status": self.status.name, "runtime": self.runtime, "solver": self.solver,
             "bound": self.bound, "seed": self.seed, "value": self.value, "handovers": self.handovers,
             "trace": self.trace, "teams": self.evaluation.teams,
+            "paid_handovers": self.evaluation.paid_handovers, "switches": self.evaluation.switches,
             "limits": [asdict(use) for use in self.evaluation.limits],
         }  # fmt: skip
         arrays = {"plan": self.plan, "benefit": self.evaluation.benefit, "handover": self.evaluation.handover}
@@ -226,6 +234,7 @@ class Result:
             score = Evaluation(
                 _number(meta, "value"), arrays["benefit"], arrays["handover"], _whole(meta, "handovers"),
                 tuple(LimitUse(**use) for use in meta.get("limits", [])), float(meta.get("teams", 0.0)),
+                *(None if meta.get(name) is None else _whole(meta, name) for name in ("paid_handovers", "switches")),
             )  # fmt: skip
             return cls(
                 plan, score, Status[meta["status"]], _number(meta, "runtime"), _text(meta, "solver"), bound,

@@ -218,10 +218,19 @@ class SAP:
         handovers = int((changed & (tasks[len(tasks) - len(previous) :] >= 0)).sum())
         try:
             value = math.fsum(held.ravel()) + math.fsum(eta.ravel())
-            score = Evaluation(value, held.sum(axis=1), eta.sum(axis=1), handovers)
+            score = Evaluation(
+                value, held.sum(axis=1), eta.sum(axis=1), handovers,
+                paid_handovers=int((eta < 0).sum()), switches=self._switches(tasks, held),
+            )  # fmt: skip
             return self._within_limits(score, places) if self.limits else score
         except OverflowError:
             raise ValueError("benefits and handovers are so large that their sum overflows") from None
+
+    def _switches(self, tasks: IntArray, held: FloatArray) -> int:
+        """How often an agent goes on from one task that serves it to another, in a plan with its benefits (T, n)."""
+        real = self.model.real_tasks(self.m)[tasks]  # whoever holds nothing (-1) has no benefit
+        serves = held > 0
+        return int((serves[1:] & serves[:-1] & (real[1:] != real[:-1])).sum())
 
     def _within_limits(self, score: Evaluation, places: IntArray) -> Evaluation:
         """A score with what limits and teams add to it, or a ValueError where a hard limit is broken."""

@@ -72,6 +72,8 @@ def _told(problem: SAP, name: str, result: Result, bound: float | None) -> dict[
         "solver": result.solver,
         "value": result.value,
         "handovers": result.handovers,
+        "paid": result.evaluation.paid_handovers,
+        "switches": result.evaluation.switches,
         "status": result.status.value,
         "message": result.status.message,
         "seconds": result.runtime,

@@ -242,7 +242,9 @@ def _hub_graph(problem: SAP, cost: float, idle_is_free: bool) -> PathGraph:
         counts.append(np.array([size]))
         # Out of every task held at step k - 1: to the hub of step k, or to stay; and out of the hub to every task.
         hub = first + 1 + step * (size + 1) - 1
-        stay = np.stack([np.broadcast_to(hub, (T - 1, size)), hub + 1 + place], axis=2).reshape(T - 1, 2 * size)
+        stay = np.stack([np.broadcast_to(hub, (T - 1, size)), hub + 1 + place], axis=2).reshape(
+            T - 1, 2 * size
+        )
         heads.append(np.concatenate([stay, hub + 1 + place], axis=1).ravel())
         stay = np.stack([np.zeros((T - 1, size)), benefit[1:]], axis=2).reshape(T - 1, 2 * size)
         gains.append(np.concatenate([stay, benefit[1:] - charge[1:]], axis=1).ravel())

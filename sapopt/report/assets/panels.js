@@ -5,7 +5,7 @@ function drawTiles() {
     [number(r.value), "value of " + r.name, null],
     [percent(share(r), 2), D.bound === null ? "no bound was proven" : "of the proven bound " + number(D.bound), share(r)],
     [gapOf(r) === null ? "-" : percent(gapOf(r), 2), "at most this far from the optimum", null],
-    [whole(r.handovers), `handovers, ${number(r.handovers / Math.max(D.n, 1))} an agent`, null],
+    [whole(r.handovers), `handovers, ${number(r.handovers / Math.max(D.n, 1))} an agent` + (r.paid === null ? "" : `: ${whole(r.paid)} paid, ${whole(r.switches)} from task to task`), null],
     [percent(r.busy), "of the agents' time is useful", r.busy],
     [r.seconds < 1 ? number(1e3 * r.seconds, 0) + " ms" : number(r.seconds) + " s", `${number(1e3 * r.seconds / D.T, r.seconds / D.T < 0.01 ? 2 : 0)} ms a step; ${r.status}`, null],
   ];
