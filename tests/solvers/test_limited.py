@@ -131,7 +131,8 @@ def test_why_not_of_a_plain_problem() -> None:
     """It needs no limits; the words name who holds the task, and a pair of the plan is told as such."""
     problem = SAP([[[2.0, 0.0], [1.5, 0.0]]], 0.0, agents=["a", "b"])
     told = why_not(problem, solve(problem, Exact()), "b", 0, 0)
-    assert told.bound == pytest.approx(1.5, abs=1e-3)
+    # The best plan with the pair is worth 1.5; which of the optimal prices are known decides how near to it one gets.
+    assert 1.5 <= told.bound <= told.value
     assert told.holders == (0,)
     assert told.is_settled
     assert "held by agent 0" in str(told)
