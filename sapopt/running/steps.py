@@ -124,8 +124,11 @@ class StepRules:
     k: int
     weights: sp.csr_array
 
-    def assign(self, matrix: FloatArray, start: int, stop: int) -> IntArray:
+    def assign(self, matrix: FloatArray, start: int, stop: int, *, priced: bool = False) -> IntArray:
         """The best assignment for the steps ``start .. stop - 1``, within the limits if it begins at this very step.
+
+        With `priced` the matrix already contains what soft limits cost, so only hard ones are looked at: then a
+        programme is seldom needed.
 
         Raises
         ------
@@ -140,7 +143,8 @@ class StepRules:
         tried = np.where(self._closed, -np.inf, matrix)
         try:
             tasks = self._resting(tried, transported(tried, room))
-            if not self._beyond(tasks).any():
+            beyond = self._beyond(tasks) > 0
+            if not (beyond & np.isinf(problem.rows.penalty) if priced else beyond).any():
                 return tasks
         except InfeasibleError:
             pass  # the programme says which limit is in the way

@@ -36,7 +36,7 @@ def rolling_plan(graph: PathGraph, prices: Prices) -> IntArray | None:
         values, arcs = first_values(graph, node, weight, onward, k)
         matrix = values + effective[k]
         try:
-            tasks = ledger.rules(k).assign(matrix, k, k + 1)
+            tasks = ledger.rules(k).assign(matrix, k, k + 1, priced=True)
         except InfeasibleError:
             try:
                 tasks = transported(matrix, problem.capacity[k])
