@@ -7,6 +7,7 @@ import pytest
 
 from sapopt import SAP, Limit, SwitchingCost, Team, bound
 from sapopt.formulations.highs import maximise
+from sapopt.formulations.limited import graph
 from sapopt.formulations.limited.graph import path_graph
 from sapopt.formulations.limited.programme import limited_programme
 
@@ -29,3 +30,55 @@ def test_the_dual_reaches_the_linear_programme(seed: int) -> None:
     relaxed = maximise(limited_programme(path_graph(problem.core)).programme, relaxed=True).value
     proven = bound(problem).value
     assert relaxed - 1e-7 <= proven <= relaxed + 0.01 * abs(relaxed)
+
+
+def _sparse_problem(seed: int) -> SAP:
+    """Agents that may idle and see few of the tasks; limits, teams, initial assignments, capacities now and then."""
+    rng = np.random.default_rng(seed)
+    T, n, m = int(rng.integers(1, 6)), int(rng.integers(1, 4)), int(rng.integers(3, 7))
+    benefits = np.round(rng.random((T, n, m)), 2) * (rng.random((T, n, m)) < 0.3)
+    capacity = int(rng.integers(1, 3))
+    limits: list[Limit | Team] = [
+        Limit.once(), Limit.handovers(int(rng.integers(0, 3)), each=True), Limit.cover([0], 1, penalty=0.4),
+        Limit.visits(at_most=1), Limit(rng.normal(size=(1, 1, m)), at_most=2.0),
+    ]  # fmt: skip
+    if capacity > 1 and n > 1:
+        limits.append(Team(m - 1, 2, reward=1.0))
+    kept = [limit for limit in limits if rng.random() < 0.4]
+    held = rng.permutation(m)[:n] if rng.random() < 0.4 else None
+    rule = SwitchingCost(0.2, idle_is_free=bool(rng.random() < 0.3))
+    return SAP(benefits, rule, held, idle=True, capacity=capacity, limits=kept)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_tasks_that_earn_nothing_are_not_missed(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The programme over the tasks that an agent can gain from has the optimum of that over all tasks."""
+    problem = _sparse_problem(seed)
+    short = path_graph(problem.core)
+    best = maximise(limited_programme(short).programme).value
+    monkeypatch.setattr(graph, "_places", lambda problem, benefits: [np.arange(problem.m)] * problem.n)
+    whole = path_graph(problem.core)
+    assert short.arcs <= whole.arcs
+    assert best == pytest.approx(maximise(limited_programme(whole).programme).value, abs=1e-6)
+
+
+def test_most_of_a_sparse_problem_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where an agent sees a tenth of the tasks, its graph has a fraction of the arcs."""
+    rng = np.random.default_rng(0)
+    benefits = rng.random((6, 3, 60)) * (rng.random((6, 3, 60)) < 0.02)
+    problem = SAP(benefits, SwitchingCost(0.2), idle=True, limits=[Limit.once()])
+    arcs = path_graph(problem.core).arcs
+    monkeypatch.setattr(graph, "_places", lambda problem, benefits: [np.arange(problem.m)] * problem.n)
+    assert 4 * arcs < path_graph(problem.core).arcs
+
+
+def test_a_restricted_graph_keeps_the_paths_of_its_arcs() -> None:
+    """Without some arcs, the longest paths are those of the graph in which these arcs are worth -inf."""
+    rng = np.random.default_rng(1)
+    problem = SAP(rng.random((5, 3, 4)), SwitchingCost(0.3), idle=True, limits=[Limit.once()])
+    whole = path_graph(problem.core)
+    keep = rng.random(whole.arcs) < 0.9
+    values, arcs = whole.restricted(keep).longest(whole.gain[keep])
+    expected, chosen = whole.longest(np.where(keep, whole.gain, -np.inf))
+    np.testing.assert_allclose(values, expected)
+    np.testing.assert_array_equal(np.flatnonzero(keep)[arcs], chosen)

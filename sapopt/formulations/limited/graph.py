@@ -61,6 +61,16 @@ class PathGraph:
         """Number of arcs."""
         return len(self.head)
 
+    def restricted(self, keep: np.ndarray) -> PathGraph:
+        """The graph of the arcs of a mask (arcs,) alone; its nodes stay, some of them dead ends now."""
+        if keep.all():
+            return self
+        kept = np.concatenate([[0], np.cumsum(keep)])
+        return PathGraph(
+            self.problem, self.node_ptr, kept[self.arc_ptr], self.head[keep], self.gain[keep], self.cell[keep],
+            self.taken[keep], self.ends,
+        )  # fmt: skip
+
     @cached_property
     def agent(self) -> IntArray:
         """Whose arc, shape (arcs,)."""
@@ -258,10 +268,11 @@ def _hub_graph(problem: SAP, cost: float, idle_is_free: bool) -> PathGraph:
         ends.append(np.arange(nodes) >= nodes - size)
         sizes.append(nodes)
         first += nodes
-    return _pruned(PathGraph(
+    graph = PathGraph(
         problem, _starts([np.array(sizes)]), _starts(counts), np.concatenate(heads).astype(np.int64),
         np.concatenate(gains), np.concatenate(cells).astype(np.int64), np.concatenate(takes), np.concatenate(ends),
-    ))  # fmt: skip
+    )  # fmt: skip
+    return graph.restricted(graph.gain > -np.inf)
 
 
 def _places(problem: SAP, benefits: FloatArray) -> list[IntArray]:
@@ -330,18 +341,6 @@ def _state_graph(problem: SAP, state: Any) -> PathGraph:
     return PathGraph(
         problem, _starts([np.array(sizes)]), _starts(counts), np.concatenate(heads).astype(np.int64),
         np.concatenate(gains), np.concatenate(cells).astype(np.int64), np.concatenate(takes), np.concatenate(ends),
-    )  # fmt: skip
-
-
-def _pruned(graph: PathGraph) -> PathGraph:
-    """Without arcs that are forbidden."""
-    keep = graph.gain > -np.inf
-    if keep.all():
-        return graph
-    kept = np.concatenate([[0], np.cumsum(keep)])
-    return PathGraph(
-        graph.problem, graph.node_ptr, kept[graph.arc_ptr], graph.head[keep], graph.gain[keep], graph.cell[keep],
-        graph.taken[keep], graph.ends,
     )  # fmt: skip
 
 

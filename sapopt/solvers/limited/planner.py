@@ -37,6 +37,8 @@ _SMALL = 3000
 """Arcs up to which programmes over the whole horizon need no plan to start from."""
 _ELASTIC = 10.0
 """What breaking a hard limit costs on the way to a plan, in typical gains, besides twice the dearest multiplier."""
+_PART_ARCS = 200_000
+"""Arcs of least loss to which the search by parts keeps, where there are more."""
 _DIVE_LOSS = 0.5
 """Loss of the arcs that a dive looks at, in typical gains."""
 _DIVE_SHARE = 0.4
@@ -161,6 +163,7 @@ def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
 def _by_parts(search: _Search, graph: PathGraph, plan: IntArray, loss: FloatArray, elastic: float) -> None:
     """Better plans from a plan, part by part."""
     run = search.run
+    graph, loss = _promising(graph, plan, loss)
     part = run.part(_PART_SHARE * run.seconds_left)
     for found in improved(graph, plan, loss, elastic, part, run.rng):
         search.offer(found, "parts")
@@ -168,6 +171,16 @@ def _by_parts(search: _Search, graph: PathGraph, plan: IntArray, loss: FloatArra
         if search.is_proven:
             return
     run.stopped = run.stopped or part.stopped
+
+
+def _promising(graph: PathGraph, plan: IntArray, loss: FloatArray) -> tuple[PathGraph, FloatArray]:
+    """A graph of the arcs of least loss, and those of a plan: a part then takes in much more of the plan at once."""
+    used = graph.follow(plan)
+    if graph.arcs <= _PART_ARCS or used is None:
+        return graph, loss
+    keep = loss < np.partition(loss, _PART_ARCS)[_PART_ARCS]
+    keep[used] = True
+    return graph.restricted(keep), loss[keep]
 
 
 def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
