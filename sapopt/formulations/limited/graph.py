@@ -200,7 +200,7 @@ class PathGraph:
         return arcs if np.isfinite(values).all() else None
 
 
-def path_graph(problem: SAP, state: Any = None) -> PathGraph:
+def path_graph(problem: SAP, state: Any = None, also: tuple[int, int] | None = None) -> PathGraph:
     """The graph of a core problem (`SAP.core`).
 
     Parameters
@@ -209,6 +209,8 @@ def path_graph(problem: SAP, state: Any = None) -> PathGraph:
         Or the window of one (`sapopt.formulations.limited.window`).
     state : object, optional
         State before its first step, by default that of the problem.
+    also : (agent, task), optional
+        To be in the graph though the agent may gain nothing by it.
 
     Raises
     ------
@@ -217,7 +219,7 @@ def path_graph(problem: SAP, state: Any = None) -> PathGraph:
     """
     rule = switching_rule(problem)
     if rule is not None and rule.uniform_cost is not None:
-        return _hub_graph(problem, rule.uniform_cost, rule.idle_is_free)
+        return _hub_graph(problem, rule.uniform_cost, rule.idle_is_free, also)
     return _state_graph(problem, problem.initial_state() if state is None else state)
 
 
@@ -227,13 +229,15 @@ def switching_rule(problem: SAP) -> Switching | None:
     return model.inner.switching() if isinstance(model, IdlePlace) else model.switching()
 
 
-def _hub_graph(problem: SAP, cost: float, idle_is_free: bool) -> PathGraph:
+def _hub_graph(problem: SAP, cost: float, idle_is_free: bool, also: tuple[int, int] | None) -> PathGraph:
     """Nodes of an agent: the source, then for every step the hub that leads in, and the tasks held at it."""
     T, m = problem.T, problem.m
     idle, initial = problem.rows.idle, problem.initial_assignment
     # A copy of the benefits for each agent: (T, m), read in its loop below.
     benefits = np.stack([dense_step(problem.benefits.step(k)) for k in range(T)], axis=1)
     places = _places(problem, benefits)
+    if also is not None:
+        places[also[0]] = np.union1d(places[also[0]], also[1])
     _check_size(3 * T * sum(len(own) for own in places))
     heads, gains, cells, takes, counts, ends, sizes = [], [], [], [], [], [], []
     first = 0  # node of the agent's source

@@ -110,7 +110,7 @@ def why_not(
     if core.capacity is None:
         core = copy.copy(core)
         core.core, core.capacity = core, np.ones((core.T, core.m), dtype=np.int64)
-    graph = path_graph(core)
+    graph = path_graph(core, also=(i, j))
     prices = _prices(problem, core, result)
     if prices is None:
         stop_at = np.inf if time_limit is None else clock.now() + time_limit
