@@ -205,6 +205,7 @@ def rollout(
     trace: list[dict[str, Any]] = []
     total = 0.0
     status = Status.FEASIBLE
+    recording = policy if isinstance(policy, Recording) else None  # asking costs as much as a small step
     done = 0  # steps that are decided, with `state` the state after them, wherever an interruption strikes
     try:
         for k in range(problem.T):
@@ -228,7 +229,7 @@ def rollout(
             total += gain
             done, state = k + 1, problem.transition(k, state, plan[k])
             seconds = run.seconds - began
-            said = policy.record(memory) if isinstance(policy, Recording) else {}
+            said = {} if recording is None else recording.record(memory)
             trace.append({"step": k, "value": gain, "total": total, "seconds": seconds, **said})
             run.report(k + 1, problem.T, total)
     except KeyboardInterrupt:

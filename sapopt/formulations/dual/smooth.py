@@ -133,8 +133,10 @@ class SmoothDescent:
 
     def is_wide(self, oracle: SoftPathOracle, iteration: int) -> bool:
         """Whether a step needs every entry: too hot to leave any out, and the horizon too short for blocks."""
-        can = isinstance(oracle, NarrowingOracle) and oracle.shape[0] < 2 * _BLOCK
-        return can and self.temperature(oracle, iteration) > _NARROW * oracle.scale
+        is_short_and_hot = (
+            oracle.shape[0] < 2 * _BLOCK and self.temperature(oracle, iteration) > _NARROW * oracle.scale
+        )
+        return is_short_and_hot and isinstance(oracle, NarrowingOracle)
 
     def mean_cost(self, oracle: SoftPathOracle, iteration: int) -> float:
         """Expected mean time of the steps from `iteration` on, as a multiple of that of this step."""

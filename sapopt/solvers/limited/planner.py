@@ -45,6 +45,8 @@ _DIVE_SHARE = 0.4
 """Share of the time left that a dive may take."""
 _PART_SHARE = 0.7
 """Share of the time left for improving the plan part by part."""
+_EXACT = {"mip_feasibility_tolerance": 1e-9, "primal_feasibility_tolerance": 1e-9}
+"""By how much a point may miss its rows: what HiGHS gains by the usual 1e-6 of a soft limit is above the gap."""
 _PROGRAMME_SHARE = 0.5
 """Share of the time left that one programme may take, unless it is the last."""
 
@@ -198,7 +200,7 @@ def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
         answer = maximise(
             made.programme, seconds=run.seconds_left if whole else _PROGRAMME_SHARE * run.seconds_left,
             tolerance=search.tolerance, watch=search.report,
-            start=None if used is None else made.point(used),
+            start=None if used is None else made.point(used), options=_EXACT,
         )  # fmt: skip
         before = search.value
         if answer.x is not None:
