@@ -19,9 +19,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from experiments.benchmarks.output import finish
+from experiments.benchmarks.output import checkouts, finish
 
-HERE = Path(__file__).resolve().parents[2]
 CALLS = {
     "HAA": "sapopt.solve(instance('constellation-toy'), solvers.HAA())",
     "HAAL(3)": "sapopt.solve(instance('constellation-toy'), solvers.HAAL(3))",
@@ -40,16 +39,12 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=[*CALLS, COMPARE], default=[*CALLS, COMPARE])
     parser.add_argument("--out", help="file for the JSON")
     options = parser.parse_args()
-    checkouts = {"here": HERE}
-    if options.against is not None:
-        if not (options.against / "sapopt").is_dir():
-            parser.error(f"--against {options.against}: there is no folder sapopt in it")
-        checkouts["against"] = options.against.resolve()
+    folders = checkouts(parser, options.against)
     rows = []
     for call in options.only:
-        seconds: dict[str, list[float]] = {name: [] for name in checkouts}
+        seconds: dict[str, list[float]] = {name: [] for name in folders}
         for _ in range(options.runs):
-            for name, folder in checkouts.items():
+            for name, folder in folders.items():
                 seconds[name].append(first_call(folder, call))
         rows.append({"call": call, "clock": "wall" if call == COMPARE else "processor", **seconds})
         medians = {name: statistics.median(values) for name, values in seconds.items()}

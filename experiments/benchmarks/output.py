@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from sapopt.data.files import write_text
+
+HERE = Path(__file__).resolve().parents[2]
+
+
+def checkouts(parser: argparse.ArgumentParser, against: Path | None) -> dict[str, Path]:
+    """This checkout and, if there is one, another to compare with."""
+    if against is None:
+        return {"here": HERE}
+    if not (against / "sapopt").is_dir():
+        parser.error(f"--against {against}: there is no folder sapopt in it")
+    return {"here": HERE, "against": against.resolve()}
 
 
 def finish(figures: Mapping[str, Any], out: str | None) -> None:

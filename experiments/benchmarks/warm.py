@@ -18,7 +18,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).resolve().parents[2]
 CASES = (
     "HAAL(6), mid", "HAAL(6), large, 30 steps", "HAAL(6), shells, 12 steps", "DualLookahead(6), mid, 15 steps",
     "CBBA(3), mid, 3 steps", "ascent, mid, 150 iterations", "ascent, large, 40 iterations",
@@ -38,18 +37,17 @@ def main() -> None:
     if options.case is not None:
         print(json.dumps(_measured(options.case)))
         return
-    from experiments.benchmarks.output import finish  # the processes for another checkout have no use for it
+    from experiments.benchmarks.output import (  # the processes for another checkout have no use for it
+        checkouts,
+        finish,
+    )
 
-    checkouts = {"here": HERE}
-    if options.against is not None:
-        if not (options.against / "sapopt").is_dir():
-            parser.error(f"--against {options.against}: there is no folder sapopt in it")
-        checkouts["against"] = options.against.resolve()
+    folders = checkouts(parser, options.against)
     rows = []
     for case in options.only:
-        found: dict[str, list[dict[str, float]]] = {name: [] for name in checkouts}
+        found: dict[str, list[dict[str, float]]] = {name: [] for name in folders}
         for _ in range(options.turns):
-            for name, folder in checkouts.items():
+            for name, folder in folders.items():
                 found[name].append(_in_process(folder, case))
         rows.append({"case": case, **found})
         told = "   ".join(

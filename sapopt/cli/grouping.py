@@ -50,6 +50,6 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
         command(**given, **made)
 
     run.__name__, run.__doc__ = command.__name__, command.__doc__
-    run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+    run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]  # read by inspect; functions are not typed to have one
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
     return run

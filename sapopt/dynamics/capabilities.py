@@ -164,7 +164,7 @@ class Adapted(Model):
         self._interacts = _interacts(layers)
         if self._interacts:  # the agents do see each other
             said -= {*PATHS, *KINDS}
-            self.interaction = dynamics.interaction  # type: ignore[method-assign]
+            self.interaction = dynamics.interaction  # type: ignore[method-assign]  # the object's own rule
         if "charge_of" not in said:
             said -= {"capacity"}
         self._is_local = not said.isdisjoint(PATHS)

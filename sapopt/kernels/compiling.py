@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 _DIGEST = hashlib.sha256().digest_size
 
 
-class _Files(IndexDataCacheFile):  # type: ignore[misc]
+class _Files(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyped
     """Cache files of which every one with compiled code begins with a digest of the rest."""
 
     def load(self, key: Any) -> Any:
@@ -66,7 +66,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return pickle.loads(code)
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
+class _Cache(FunctionCache):  # type: ignore[misc]  # numba is untyped
     """numba's cache of one function, with `_Files`; stale as soon as any kernel that the function calls has changed."""
 
     def __init__(self, kernel: Kernel) -> None:
@@ -124,7 +124,7 @@ def cache(dispatcher: Any, kernel: Kernel) -> None:
         )
 
 
-class _Listener(event.Listener):  # type: ignore[misc]
+class _Listener(event.Listener):  # type: ignore[misc]  # numba is untyped
     """Tells the clock when the compiler starts and stops; what it compiles on the way is part of the outermost."""
 
     def on_start(self, event: Any) -> None:

@@ -94,7 +94,7 @@ class Kernel:
         return self.dispatcher._numba_type_
 
     def __reduce__(self) -> str:
-        return str(self.__qualname__)  # type: ignore[attr-defined]
+        return str(self.__qualname__)  # type: ignore[attr-defined]  # set by update_wrapper
 
     def __repr__(self) -> str:
         return f"<kernel {self.py_func.__module__}.{self.py_func.__qualname__}>"

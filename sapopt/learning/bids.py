@@ -18,15 +18,15 @@ import numpy as np
 import torch
 
 from sapopt.data.types import FloatArray
+from sapopt.learning.actor_critic import ActorCritic
 from sapopt.learning.choices import legal
 from sapopt.learning.environment import Environment
 from sapopt.learning.ippo import advantages
 from sapopt.learning.learner import assigned
 from sapopt.learning.logs import TrainingLog
-from sapopt.learning.network import Network, new_network
+from sapopt.learning.network import Network
 from sapopt.learning.observation import Spec, ThesisObservation
 from sapopt.learning.options import FRESH, Problems
-from sapopt.learning.resume import Standing
 from sapopt.learning.train import Training
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
@@ -153,56 +153,37 @@ def train_bids(
         If the folder holds a checkpoint of other options or shapes, or a damaged one.
     """
     run = run or Run()
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng([options.seed, 2])
-    actor = new_network(options.spec, options.seed, options.hidden)
-    critic = new_network(options.spec, options.seed + 1, options.hidden, outputs=1)
-    best, best_value = new_network(options.spec, options.seed, options.hidden), -np.inf
-    adam = torch.optim.Adam([*actor.parameters(), *critic.parameters()], lr=options.learning_rate)
-    standing = Standing(
-        folder / "checkpoint.npz", asdict(options) | {"method": "bids"},
-        {"actor": actor, "critic": critic, "best": best}, {"both": adam},
+    state = ActorCritic.begin(
+        options.spec, options.seed, options.hidden, options.learning_rate, asdict(options) | {"method": "bids"},
+        Path(folder), stream=2,
     )  # fmt: skip
-    saved = standing.load()
-    done, scale = int(saved.get("episode", 0)), float(saved.get("scale", 0.0))
-    best_value = float(saved.get("best_value", best_value))
-    rng.bit_generator.state = saved.get("rng", rng.bit_generator.state)
-
-    def save() -> None:
-        standing.save(
-            {"episode": done, "scale": scale, "best_value": best_value, "rng": rng.bit_generator.state}
-        )
-
-    with TrainingLog(folder, done) as record:
-        while done < options.episodes and not run.expired:
+    with TrainingLog(Path(folder), state.done) as record:
+        while state.done < options.episodes and not run.expired:
             began = time.perf_counter()
-            seeds = range(done, min(done + options.gathered, options.episodes))
+            seeds = range(state.done, min(state.done + options.gathered, options.episodes))
             played = [
-                play_bids(problems(options.seed * 100_000 + seed), actor, options.spread, rng)
+                play_bids(problems(options.seed * 100_000 + seed), state.actor, options.spread, state.rng)
                 for seed in seeds
             ]
-            scale = scale or max(float(played[0].rewards.std()), 1e-6)
-            loss = _improve(played, scale, actor, critic, adam, options)
-            before, done = done, seeds.stop
+            state.scale = state.scale or max(float(played[0].rewards.std()), 1e-6)
+            loss = _improve(played, state.scale, state.actor, state.critic, state.adam, options)
+            before, state.done = state.done, seeds.stop
             row = {
-                "episode": done, "steps": done * len(played[0].rewards),
-                "gradient_steps": -(-done // options.gathered) * options.epochs, "epsilon": 0.0,
+                "episode": state.done, "steps": state.done * len(played[0].rewards),
+                "gradient_steps": -(-state.done // options.gathered) * options.epochs, "epsilon": 0.0,
                 "value": float(np.mean([one.rewards.sum() for one in played])), "loss": loss,
             }  # fmt: skip
-            if _passes(before, done, options.evaluate_every) or done == options.episodes:
+            if _passes(before, state.done, options.evaluate_every) or state.done == options.episodes:
                 fresh = [problems(FRESH + seed) for seed in range(options.evaluations)]
-                row["evaluation"] = float(np.mean([play_bids(p, actor).rewards.sum() for p in fresh]))
-                if row["evaluation"] > best_value:
-                    best_value = row["evaluation"]
-                    best.load_state_dict(actor.state_dict())
+                row["evaluation"] = float(np.mean([play_bids(p, state.actor).rewards.sum() for p in fresh]))
+                state.keep_if_best(row["evaluation"])
             row["seconds"] = time.perf_counter() - began
             record.write(row)
-            run.report(done, options.episodes, row.get("evaluation", row["value"]), message="training")
-            if _passes(before, done, options.checkpoint_every):
-                save()
-    save()
-    return Training(best, best_value, done, actor)
+            run.report(state.done, options.episodes, row.get("evaluation", row["value"]), message="training")
+            if _passes(before, state.done, options.checkpoint_every):
+                state.save(record)
+        state.save(record)
+    return Training(state.best, state.best_value, state.done, state.actor)
 
 
 def _passes(before: int, after: int, every: int) -> bool:

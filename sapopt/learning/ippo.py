@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from sapopt.learning.actor_critic import ActorCritic
 from sapopt.learning.logs import TrainingLog
-from sapopt.learning.network import Network, new_network
+from sapopt.learning.network import Network
 from sapopt.learning.observation import ObservationSpec, Spec
 from sapopt.learning.options import FRESH, Problems
-from sapopt.learning.resume import Standing
 from sapopt.learning.sampling import Sampled, masked_logits, sample_episode
 from sapopt.learning.train import Training
 from sapopt.running.control import Run
@@ -85,60 +85,38 @@ def train_ippo(
         If the folder holds a checkpoint of other options or shapes, or a damaged one.
     """
     run = run or Run()
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng([options.seed, 1])
-    actor = new_network(options.spec, options.seed, options.hidden)
-    critic = new_network(options.spec, options.seed + 1, options.hidden, outputs=1)
-    best, best_value = new_network(options.spec, options.seed, options.hidden), -np.inf
-    adam = torch.optim.Adam([*actor.parameters(), *critic.parameters()], lr=options.learning_rate)
-    standing = Standing(
-        folder / "checkpoint.npz", asdict(options) | {"method": "ippo"},
-        {"actor": actor, "critic": critic, "best": best}, {"both": adam},
+    state = ActorCritic.begin(
+        options.spec, options.seed, options.hidden, options.learning_rate, asdict(options) | {"method": "ippo"},
+        Path(folder), stream=1,
     )  # fmt: skip
-    saved = standing.load()
-    played_before, scale = int(saved.get("episode", 0)), float(saved.get("scale", 0.0))
-    best_value = float(saved.get("best_value", best_value))
-    rng.bit_generator.state = saved.get("rng", rng.bit_generator.state)
-    done = played_before
-
-    def save() -> None:
-        standing.save(
-            {"episode": done, "scale": scale, "best_value": best_value, "rng": rng.bit_generator.state}
-        )
-
-    with TrainingLog(folder, played_before) as record:
-        for episode in range(played_before, options.episodes):
-            if run.expired:
-                break
+    actor, rng = state.actor, state.rng
+    with TrainingLog(Path(folder), state.done) as record:
+        while state.done < options.episodes and not run.expired:
             began = time.perf_counter()
-            played = sample_episode(problems(options.seed * 100_000 + episode), actor, rng)
-            scale = scale or max(float(played.rewards.std()), 1e-6)
-            loss = _improve(played, scale, actor, critic, adam, options, rng)
+            played = sample_episode(problems(options.seed * 100_000 + state.done), actor, rng)
+            state.scale = state.scale or max(float(played.rewards.std()), 1e-6)
+            loss = _improve(played, state.scale, actor, state.critic, state.adam, options, rng)
+            state.done += 1
             row = {
-                "episode": episode + 1,
-                "steps": (episode + 1) * len(played.rewards),
-                "gradient_steps": (episode + 1) * options.epochs * -(-played.choices.size // options.batch),
+                "episode": state.done,
+                "steps": state.done * len(played.rewards),
+                "gradient_steps": state.done * options.epochs * -(-played.choices.size // options.batch),
                 "epsilon": 0.0,
                 "value": float(played.rewards.sum()),
                 "loss": loss,
             }
-            if (episode + 1) % options.evaluate_every == 0 or episode + 1 == options.episodes:
+            if state.done % options.evaluate_every == 0 or state.done == options.episodes:
                 fresh = [problems(FRESH + seed) for seed in range(options.evaluations)]
                 value = float(np.mean([sample_episode(p, actor, rng).rewards.sum() for p in fresh]))
                 row["evaluation"] = value
-                if value > best_value:
-                    best_value = value
-                    best.load_state_dict(actor.state_dict())
+                state.keep_if_best(value)
             row["seconds"] = time.perf_counter() - began
             record.write(row)
-            done = episode + 1
-            run.report(done, options.episodes, row.get("evaluation", row["value"]), message="training")
-            if done % options.checkpoint_every == 0:
-                record.save()
-                save()
-    save()
-    return Training(best, best_value, done, actor)
+            run.report(state.done, options.episodes, row.get("evaluation", row["value"]), message="training")
+            if state.done % options.checkpoint_every == 0:
+                state.save(record)
+        state.save(record)
+    return Training(state.best, state.best_value, state.done, actor)
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, discount: float, trace: float) -> np.ndarray:

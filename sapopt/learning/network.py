@@ -113,7 +113,7 @@ def listing(network: Network, tasks: int) -> Network:
     """
     if not network.per_task:
         raise ValueError("only a network with values per task can list another number of tasks")
-    out = Network(replace(network.spec, tasks=tasks), network.hidden, per_task=True)  # type: ignore[type-var]
+    out = Network(replace(network.spec, tasks=tasks), network.hidden, per_task=True)  # type: ignore[type-var]  # every spec is a dataclass, which a protocol cannot say
     out.load_state_dict(network.state_dict())
     return out
 

@@ -25,7 +25,7 @@ class Forgiving(io.TextIOBase):
         self._stream = stream
 
     @property
-    def encoding(self) -> str:  # type: ignore[override]
+    def encoding(self) -> str:  # type: ignore[override]  # typeshed has an attribute
         """That of the stream; it decides how lines are drawn."""
         return "ascii" if self._stream is None else self._stream.encoding or "ascii"
 
