@@ -18,6 +18,7 @@ from sapopt.learning.bids import BidOptions, play_bids, train_bids
 from sapopt.learning.global_observation import GlobalSpec
 from sapopt.learning.network import new_network
 from sapopt.learning.observation import ThesisObservation
+from sapopt.learning.resume import Standing
 from sapopt.running.control import Run
 from sapopt.solvers import AssignmentPolicy
 
@@ -64,6 +65,22 @@ def test_runs_repeat_and_a_kill_changes_nothing(tmp_path: Path) -> None:
     assert not all(map(np.array_equal, weights(other.last), weights(whole.last)))
     with pytest.raises(ValueError, match="spread"):
         train_bids(problems, replace(options, spread=0.5), tmp_path / "whole")
+
+
+def test_a_checkpoint_never_knows_more_than_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whenever a checkpoint is written, the log on disk already has its last episode: a kill after it loses nothing."""
+    seen: list[tuple[int, int]] = []
+    save = Standing.save
+
+    def watched(self: Standing, state: dict[str, Any]) -> None:
+        last = (tmp_path / "log.csv").read_text().splitlines()[-1]
+        seen.append((state["episode"], int(last.split(",")[0])))
+        save(self, state)
+
+    monkeypatch.setattr(Standing, "save", watched)
+    train_bids(problems, replace(OPTIONS, episodes=24, checkpoint_every=8), tmp_path)
+    assert [episode for episode, _ in seen] == [episode for _, episode in seen]
+    assert len(seen) >= 3
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])

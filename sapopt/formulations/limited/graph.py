@@ -139,12 +139,16 @@ class PathGraph:
             out -= self._weights_by_arc @ multipliers
         return out
 
-    def longest(self, weight: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Values (n,) of the agents' longest paths, and the arcs on them."""
-        value = np.zeros(len(self.ends))
-        best = np.zeros(len(self.ends), dtype=np.int64)
+    def onward(self, weight: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Value (nodes,) of the longest way on from every node, and its first arc (-1: none)."""
+        value, best = np.zeros(len(self.ends)), np.zeros(len(self.ends), dtype=np.int64)
         arrays = (self.node_ptr, self.arc_ptr, self.head, weight, self.ends, value, best)
         in_blocks(kernels.longest, self.problem.n, *arrays, turns=self.arcs)
+        return value, best
+
+    def longest(self, weight: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Values (n,) of the agents' longest paths, and the arcs on them."""
+        value, best = self.onward(weight)
         node = self.node_ptr[:-1]
         values = value[node]
         node = node[np.isfinite(values)]
@@ -165,10 +169,9 @@ class PathGraph:
 
     def through(self, weight: FloatArray) -> FloatArray:
         """How much less than the agent's longest path the best path through every arc (arcs,) is worth."""
-        onward, best = np.zeros(len(self.ends)), np.zeros(len(self.ends), dtype=np.int64)
+        onward, _ = self.onward(weight)
         before = np.zeros(len(self.ends))
         graph = (self.node_ptr, self.arc_ptr, self.head, weight)
-        in_blocks(kernels.longest, self.problem.n, *graph, self.ends, onward, best, turns=self.arcs)
         in_blocks(kernels.arrived, self.problem.n, *graph, before, turns=self.arcs)
         with np.errstate(invalid="ignore"):
             loss = onward[self.node_ptr[:-1]][self.agent] - (before[self.tail] + weight + onward[self.head])

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from sapopt.data.types import IntArray
-from sapopt.formulations.limited import kernels
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.dual import Prices
 from sapopt.formulations.limited.graph import path_graph
 from sapopt.formulations.limited.window import window_of
 from sapopt.kernels import clock
-from sapopt.kernels.blocks import in_blocks
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.limited.rolling import first_values
 
@@ -40,7 +38,7 @@ def priced_step(
     benefits = outlook.benefits(window)
     part = window_of(outlook.problem, outlook.k, benefits, ledger.previous, ledger.used)
     graph = path_graph(part, outlook.state)
-    T, n, m = part.T, part.n, part.m
+    T, m = part.T, part.m
 
     def watch(_: int, __: float) -> bool:
         outlook.check()
@@ -60,10 +58,6 @@ def priced_step(
     prices = ascent.run(start, stages).prices
     effective = prices.effective(part.rows)
     weight = graph.priced(effective, prices.limits)
-    onward, best = np.zeros(len(graph.ends)), np.zeros(len(graph.ends), dtype=np.int64)
-    in_blocks(
-        kernels.longest, n, graph.node_ptr, graph.arc_ptr, graph.head, weight, graph.ends, onward, best,
-        turns=graph.arcs,
-    )  # fmt: skip
+    onward, _ = graph.onward(weight)
     values, _ = first_values(graph, graph.node_ptr[:-1], weight, onward, 0)
     return outlook.assign(values + effective[0]), prices

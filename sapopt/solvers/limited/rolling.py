@@ -7,10 +7,8 @@ import numpy as np
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.transport import transported
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.formulations.limited import kernels
 from sapopt.formulations.limited.dual import Prices
 from sapopt.formulations.limited.graph import PathGraph
-from sapopt.kernels.blocks import in_blocks
 from sapopt.running.steps import Ledger
 
 
@@ -25,10 +23,7 @@ def rolling_plan(graph: PathGraph, prices: Prices) -> IntArray | None:
     assert problem.capacity is not None
     effective = prices.effective(rows)
     weight = graph.priced(effective, prices.limits)
-    onward = np.zeros(len(graph.ends))
-    best = np.zeros(len(graph.ends), dtype=np.int64)
-    arrays = (graph.node_ptr, graph.arc_ptr, graph.head, weight, graph.ends, onward, best)
-    in_blocks(kernels.longest, n, *arrays, turns=graph.arcs)
+    onward, _ = graph.onward(weight)
     ledger = Ledger(problem, strict=False)
     node = graph.node_ptr[:-1].copy()
     plan = np.empty((T, n), dtype=np.int64)
