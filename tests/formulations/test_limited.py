@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from sapopt import SAP, Limit, SwitchingCost, Team, bound
+from sapopt.dynamics import AgentLocal
 from sapopt.formulations.highs import maximise
-from sapopt.formulations.limited import graph
-from sapopt.formulations.limited.graph import path_graph
+from sapopt.formulations.limited import building
+from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.programme import limited_programme
+from sapopt.formulations.limited.useful import tidied
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -30,6 +34,18 @@ def test_the_dual_reaches_the_linear_programme(seed: int) -> None:
     relaxed = maximise(limited_programme(path_graph(problem.core)).programme, relaxed=True).value
     proven = bound(problem).value
     assert relaxed - 1e-7 <= proven <= relaxed + 0.01 * abs(relaxed)
+
+
+class Levels(AgentLocal):
+    """Work takes a level of three, idling gives one back; at level 0 work costs, more on the first task."""
+
+    def start(self, problem: Any) -> Any:
+        return np.full(problem.n, 1)
+
+    def rule(self, k: int, agent: Any, local: Any, task: Any, benefit: Any) -> Any:
+        works = benefit != 0
+        cost = np.where(works & (local == 0), 0.3 + 0.2 * (task == 0), 0.0)
+        return -cost, np.clip(local + np.where(works, -1, 1), 0, 2)
 
 
 def _sparse_problem(seed: int) -> SAP:
@@ -56,7 +72,9 @@ def test_tasks_that_earn_nothing_are_not_missed(seed: int, monkeypatch: pytest.M
     problem = _sparse_problem(seed)
     short = path_graph(problem.core)
     best = maximise(limited_programme(short).programme).value
-    monkeypatch.setattr(graph, "_places", lambda problem, benefits: [np.arange(problem.m)] * problem.n)
+    monkeypatch.setattr(
+        building, "useful_pairs", lambda problem, benefits, *_: np.ones(benefits.shape, dtype=bool)
+    )
     whole = path_graph(problem.core)
     assert short.arcs <= whole.arcs
     assert best == pytest.approx(maximise(limited_programme(whole).programme).value, abs=1e-6)
@@ -68,7 +86,9 @@ def test_most_of_a_sparse_problem_is_left_out(monkeypatch: pytest.MonkeyPatch) -
     benefits = rng.random((6, 3, 60)) * (rng.random((6, 3, 60)) < 0.02)
     problem = SAP(benefits, SwitchingCost(0.2), idle=True, limits=[Limit.once()])
     arcs = path_graph(problem.core).arcs
-    monkeypatch.setattr(graph, "_places", lambda problem, benefits: [np.arange(problem.m)] * problem.n)
+    monkeypatch.setattr(
+        building, "useful_pairs", lambda problem, benefits, *_: np.ones(benefits.shape, dtype=bool)
+    )
     assert 4 * arcs < path_graph(problem.core).arcs
 
 
@@ -82,3 +102,40 @@ def test_a_restricted_graph_keeps_the_paths_of_its_arcs() -> None:
     expected, chosen = whole.longest(np.where(keep, whole.gain, -np.inf))
     np.testing.assert_allclose(values, expected)
     np.testing.assert_array_equal(np.flatnonzero(keep)[arcs], chosen)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_idling_by_a_rule_is_not_missed(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same where a rule says what moves cost, whose states are found without asking for them one by one."""
+    rng = np.random.default_rng(seed)
+    T, n, m = int(rng.integers(1, 6)), int(rng.integers(1, 4)), int(rng.integers(3, 6))
+    benefits = np.round(rng.normal(0.7, 0.6, (T, n, m)), 2) * (rng.random((T, n, m)) < 0.4)
+    limits: list[Limit | Team] = [
+        Limit.once(), Limit.handovers(1, each=True), Limit.cover([0], 1, penalty=0.4), Limit.visits(at_most=1),
+    ]  # fmt: skip
+    kept = [limit for limit in limits if rng.random() < 0.5]
+    held = rng.permutation(m)[:n] if rng.random() < 0.4 else None
+    problem = SAP(benefits, Levels(), held, idle=True, limits=kept)
+    short = path_graph(problem.core)
+    best = maximise(limited_programme(short).programme).value
+    monkeypatch.setattr(building, "is_by_rule", lambda problem: False)
+    whole = path_graph(problem.core)
+    assert short.arcs <= whole.arcs
+    assert best == pytest.approx(maximise(limited_programme(whole).programme).value, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_tidied_plan_is_worth_no_less(seed: int) -> None:
+    """Holding nothing in place of what earns nothing costs nothing, breaks no limit, and is in the graph."""
+    problem = _sparse_problem(seed).core
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        plan = rng.integers(0, problem.m, (problem.T, problem.n))
+        plan[1:][rng.random((problem.T - 1, problem.n)) < 0.5] = plan[0, 0]
+        tidy = tidied(problem, plan)
+        try:
+            value = problem.evaluate(plan).value
+        except ValueError:
+            continue
+        assert problem.evaluate(tidy).value >= value - 1e-12
+        assert path_graph(problem).follow(tidy) is not None

@@ -78,7 +78,7 @@ class Ascent:
         assert self.best is not None
         if not np.isfinite(self.best.bound):
             return self.best
-        x = self._packed(fitting(rows, start))
+        x = np.minimum(self._packed(fitting(rows, start)), self._bounds())
         scale = root_mean_square(self.graph.gain[self.graph.holds])
         try:
             for temperature in temperatures:
@@ -108,26 +108,35 @@ class Ascent:
         from scipy.optimize import minimize
 
         high = self._bounds()
+        free = np.flatnonzero(high > 0)  # most numbers can only be zero
+        if not len(free):
+            return x
         lowest: list[Any] = [np.inf, x]  # the best point seen, should the time end inside
 
-        def smooth(point: FloatArray) -> tuple[float, FloatArray]:
+        def whole(part: FloatArray) -> FloatArray:
+            out = np.zeros(len(high))
+            out[free] = part
+            return out
+
+        def smooth(part: FloatArray) -> tuple[float, FloatArray]:
             self.evaluations += 1
+            point = whole(part)
             value, slope = self._smoothed(point, temperature)
             if value < lowest[0]:
-                lowest[:] = [value, point.copy()]
+                lowest[:] = [value, point]
             if self.evaluations % 5 == 0:
                 try:
                     self._check()
                 except _Over:
                     self._look(dual_value(self.graph, self._unpacked(np.asarray(lowest[1]))))
                     raise
-            return value, slope
+            return value, slope[free]
 
         found = minimize(
-            smooth, x, jac=True, method="L-BFGS-B", bounds=np.stack([np.zeros(len(high)), high], axis=1),
+            smooth, x[free], jac=True, method="L-BFGS-B", bounds=np.stack([np.zeros(len(free)), high[free]], axis=1),
             options={"maxiter": self.iterations, "maxcor": 12, "ftol": 1e-9, "gtol": 1e-9},
         )  # fmt: skip
-        return np.asarray(found.x, dtype=np.float64)
+        return whole(np.asarray(found.x, dtype=np.float64))
 
     def _smoothed(self, x: FloatArray, temperature: float) -> tuple[float, FloatArray]:
         graph, rows, problem = self.graph, self.graph.problem.rows, self.graph.problem
@@ -184,9 +193,8 @@ class Ascent:
             rows, problem = self.graph.problem.rows, self.graph.problem
             cells = problem.T * problem.m
             assert problem.capacity is not None
-            price = np.where(
-                problem.capacity.ravel() >= problem.n, 0.0, np.inf
-            )  # room for all needs no price
+            # room for all that could come needs no price
+            price = np.where(problem.capacity >= self.graph.comers, 0.0, np.inf).ravel()
             self._high = np.concatenate([
                 price, np.where(np.isfinite(rows.high), rows.penalty, 0.0),
                 np.where(np.isfinite(rows.low), rows.penalty, 0.0), rows.team_reward / np.maximum(rows.team_needs, 1),

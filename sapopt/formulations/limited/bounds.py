@@ -8,8 +8,8 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray
 from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.limited.ascent import Ascent
+from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.dual import Prices
-from sapopt.formulations.limited.graph import path_graph
 from sapopt.kernels import clock
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound

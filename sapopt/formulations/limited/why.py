@@ -11,8 +11,8 @@ import numpy as np
 from sapopt.data.types import IntArray
 from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.limited.ascent import Ascent
+from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.dual import Prices, dual_value, rounding
-from sapopt.formulations.limited.graph import path_graph
 from sapopt.kernels import clock
 from sapopt.problem.limit import chosen
 from sapopt.problem.result import Result

@@ -16,10 +16,12 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.formulations.limited.ascent import Ascent
+from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.conflict import explain
 from sapopt.formulations.limited.dual import LimitedDual
-from sapopt.formulations.limited.graph import PathGraph, path_graph
+from sapopt.formulations.limited.graph import PathGraph
 from sapopt.formulations.limited.programme import limited_programme
+from sapopt.formulations.limited.useful import tidied
 from sapopt.kernels import clock
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
@@ -70,7 +72,7 @@ class _Search:
             value = self.problem.evaluate(plan).value
         except ValueError:
             return
-        if value > self.value:
+        if value > self.value or (value == self.value and phase == "start"):
             self.best, self.value = plan, value
         self.note(phase)
 
@@ -123,6 +125,7 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     search = _Search(problem, run, name, tolerance)
     if run.start is not None:
         search.offer(run.start, "start")
+        search.offer(tidied(problem, run.start), "start")
     seconds = _DUAL_SHARE * run.seconds_left
     ascent = Ascent(
         graph,

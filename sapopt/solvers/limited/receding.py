@@ -6,8 +6,8 @@ import numpy as np
 
 from sapopt.data.types import IntArray
 from sapopt.formulations.limited.ascent import Ascent
+from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.dual import Prices
-from sapopt.formulations.limited.graph import path_graph
 from sapopt.formulations.limited.window import window_of
 from sapopt.kernels import clock
 from sapopt.running.outlook import Outlook
