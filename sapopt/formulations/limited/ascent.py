@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, root_mean_square
+from sapopt.formulations.limited.descent import minimised
 from sapopt.formulations.limited.dual import LimitedDual, Prices, dual_value, fitting
 from sapopt.formulations.limited.graph import PathGraph
 from sapopt.kernels import clock
@@ -105,8 +106,6 @@ class Ascent:
             raise _Over
 
     def _descend(self, x: FloatArray, temperature: float) -> FloatArray:
-        from scipy.optimize import minimize
-
         high = self._bounds()
         free = np.flatnonzero(high > 0)  # most numbers can only be zero
         if not len(free):
@@ -132,11 +131,7 @@ class Ascent:
                     raise
             return value, slope[free]
 
-        found = minimize(
-            smooth, x[free], jac=True, method="L-BFGS-B", bounds=np.stack([np.zeros(len(free)), high[free]], axis=1),
-            options={"maxiter": self.iterations, "maxcor": 12, "ftol": 1e-9, "gtol": 1e-9},
-        )  # fmt: skip
-        return whole(np.asarray(found.x, dtype=np.float64))
+        return whole(minimised(smooth, x[free], high[free], self.iterations))
 
     def _smoothed(self, x: FloatArray, temperature: float) -> tuple[float, FloatArray]:
         graph, rows, problem = self.graph, self.graph.problem.rows, self.graph.problem

@@ -82,8 +82,14 @@ class PathGraph:
     def comers(self) -> IntArray:
         """Agents (T, m) that could hold every task."""
         T, n, m = self.problem.T, self.problem.n, self.problem.m
-        pairs = np.unique(self.cell[self.holds] * n + self.agent[self.holds])
-        return np.bincount(pairs // n, minlength=T * m).reshape(T, m)
+        comes = np.zeros((n, T * m + 1), dtype=bool)
+        comes[self.agent, self._count_at] = True
+        return np.asarray(comes[:, : T * m].sum(axis=0)).reshape(T, m)
+
+    @cached_property
+    def _count_at(self) -> IntArray:
+        """The cell of every arc, and one beyond the last for those that hold nothing."""
+        return np.where(self.holds, self.cell, self.problem.T * self.problem.m)
 
     @cached_property
     def weights(self) -> sp.csr_array:
@@ -131,8 +137,7 @@ class PathGraph:
 
     def priced(self, prices: FloatArray, multipliers: FloatArray) -> FloatArray:
         """Gains (arcs,) less the prices (T, m) of the cells and the multipliers (rows,) of the limits."""
-        out = self.gain.copy()
-        out[self.holds] -= prices.ravel()[self.cell[self.holds]]
+        out = self.gain - np.append(prices.ravel(), 0.0)[self.cell]  # cell -1 is the last
         if len(multipliers):
             out -= self._weights_by_arc @ multipliers
         return out
@@ -178,9 +183,8 @@ class PathGraph:
     def usage(self, share: FloatArray) -> FloatArray:
         """Agents (T, m) on every task, for shares of the arcs."""
         T, m = self.problem.T, self.problem.m
-        held = self.cell[self.holds]
-        out: FloatArray = np.bincount(held, weights=share[self.holds], minlength=T * m).astype(np.float64)
-        return out.reshape(T, m)
+        out: FloatArray = np.bincount(self._count_at, weights=share, minlength=T * m + 1).astype(np.float64)
+        return out[: T * m].reshape(T, m)
 
     def plan_of(self, arcs: IntArray) -> IntArray:
         """Plan (T, n) of the arcs of one path for each agent."""
