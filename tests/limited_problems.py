@@ -211,9 +211,14 @@ def _add_limit(
             Sum(lambda k, i, a, j, b, t=t: begins(k, i, a, j, b, t), bound, penalty=penalty) for t in tasks
         ]
     elif kind == "cover":
-        limits.append(Limit.cover(tasks, bound, steps, penalty=penalty))
+        served = bool(steps[0] % 2)  # no number drawn for it, so that a seed gives the problem that it gave
+        limits.append(Limit.cover(tasks, bound, steps, served=served, penalty=penalty))
         sums += [
-            Sum(lambda k, i, a, j, b, s=s: k == s and j in tasks, at_least=bound, penalty=penalty)
+            Sum(
+                lambda k, i, a, j, b, s=s: k == s and j in tasks and (not served or serves(k, i, j, b)),
+                at_least=bound,
+                penalty=penalty,
+            )
             for s in steps
         ]
     elif kind == "work":

@@ -60,6 +60,7 @@ class Limit:
     agents: Any = field(default=None, init=False)
     steps: Any = field(default=None, init=False)
     each: bool = field(default=False, init=False)
+    served: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         for which in ("at_most", "at_least", "penalty"):
@@ -122,11 +123,19 @@ class Limit:
         at_least: float,
         steps: Chosen = None,
         *,
+        served: bool = False,
         name: str | None = None,
         penalty: float | None = None,
     ) -> Limit:
-        """At each of these steps at least so many agents hold one of these tasks."""
-        return cls._made("cover", None, at_least, name, penalty, tasks=tasks, steps=steps)
+        """At each of these steps at least so many agents hold one of these tasks.
+
+        With `served` only those count that serve it: to whom it is worth something there.
+        """
+        if not isinstance(served, (bool, np.bool_)):
+            raise ValueError(f"served must be True or False, got {served!r}")
+        return cls._made(
+            "cover", None, at_least, name, penalty, tasks=tasks, steps=steps, served=bool(served)
+        )
 
     @classmethod
     def work(

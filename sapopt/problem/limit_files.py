@@ -28,6 +28,8 @@ def described_limits(limits: tuple[Limit | Team, ...]) -> tuple[dict[str, Any], 
                                  "name": limit.name, "penalty": limit.penalty, "each": limit.each}  # fmt: skip
         for name in ("tasks", "agents", "steps"):
             entry[name] = _listed(getattr(limit, name))
+        if limit.served:  # older files do not know it
+            entry["served"] = True
         if limit.kind == "weight":
             entry["form"], parts = _weight(limit.weight)
             arrays |= {f"limit.{number}.{key}": value for key, value in parts.items()}
@@ -59,6 +61,7 @@ def rebuilt_limits(meta: dict[str, Any], arrays: dict[str, Any]) -> tuple[Limit 
         )  # fmt: skip
         for name in ("kind", "tasks", "agents", "steps", "each"):
             object.__setattr__(limit, name, entry[name])
+        object.__setattr__(limit, "served", bool(entry.get("served", False)))
         out.append(limit)
     return tuple(out)
 

@@ -177,8 +177,13 @@ class _Reader:
         agents = chosen(limit.agents, n, self.agents, "agents")
         if limit.kind == "cover":
             for k in chosen(limit.steps, T, None, "steps"):
-                pair = k * n + np.arange(n)
-                yield _Row(f"{limit.called}[step {k}]", ((pair[:, None] * m + tasks).ravel(), 1.0))
+                if limit.served:
+                    span = np.searchsorted(self.served, [k * n * m, (k + 1) * n * m])
+                    cells = self.served[span[0] : span[1]]
+                    cells = cells[np.isin(cells % m, tasks)]
+                else:
+                    cells = ((k * n + np.arange(n))[:, None] * m + tasks).ravel()
+                yield _Row(f"{limit.called}[step {k}]", (cells, 1.0))
         elif limit.kind == "handovers":
             groups = [agents[a : a + 1] for a in range(len(agents))] if limit.each else [agents]
             for group in groups:

@@ -71,7 +71,7 @@ def _sums(problem: SAP, limit: Limit) -> Iterator[_Weights]:
     elif limit.kind == "cover":
         for k in chosen(limit.steps, T, None, "steps"):
             out = zeros()
-            out.pair[k][:, tasks] = 1.0
+            out.pair[k][:, tasks] = served[k][:, tasks] if limit.served else 1.0
             yield out
     elif limit.kind == "work":
         for i in agents:

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from sapopt import SAP, Limit, SwitchingCost, Team, bound
 from sapopt.dynamics import AgentLocal
 from sapopt.formulations.highs import maximise
 from sapopt.formulations.limited import building
 from sapopt.formulations.limited.building import path_graph
+from sapopt.formulations.limited.descent import minimised
 from sapopt.formulations.limited.programme import limited_programme
 from sapopt.formulations.limited.useful import tidied
 
@@ -139,3 +141,25 @@ def test_a_tidied_plan_is_worth_no_less(seed: int) -> None:
             continue
         assert problem.evaluate(tidy).value >= value - 1e-12
         assert path_graph(problem).follow(tidy) is not None
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_descent_within_bounds(seed: int) -> None:
+    """The minimum of a smooth convex function within bounds is that of scipy's method, and no bound is crossed."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(1, 40))
+    matrix, shift = rng.normal(size=(2 * size, size)), rng.normal(size=2 * size)
+    high = np.where(rng.random(size) < 0.3, np.inf, rng.random(size))
+
+    def function(x: Any) -> Any:
+        rest = matrix @ x - shift
+        return float(np.logaddexp(rest, -rest).sum()), matrix.T @ np.tanh(rest)
+
+    x = minimised(function, rng.random(size) * 2.0, high, 400, 1e-13)
+    assert (x >= 0).all()
+    assert (x <= high).all()
+    bounds = np.stack([np.zeros(size), high], axis=1)
+    found = minimize(
+        function, np.zeros(size), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14}
+    )
+    assert function(x)[0] <= found.fun + 1e-6 * abs(found.fun)

@@ -133,6 +133,7 @@ def test_bad_input_gets_one_clear_line(arguments: dict[str, Any], message: str) 
         (lambda: Limit(1.0, float("nan")), "at_most must be a finite number"),
         (lambda: Limit(1.0, 1, penalty=0), "penalty must be positive"),
         (lambda: Limit.handovers(1, each=2), "each must be True or False"),
+        (lambda: Limit.cover(0, 1, served=2), "served must be True or False"),
         (lambda: Team(0, 0, 1.0), "needs must be a whole number"),
         (lambda: Team(0, 1, -1.0), "reward must not be negative"),
     ],
@@ -150,7 +151,7 @@ def test_files_keep_everything(tmp_path: Path) -> None:
     limits = [
         Limit(rng.random((1, 2, 3)), 4, 0, name="mine", penalty=2.0), Limit(weight, 5), Limit.once(["b"], 2),
         Limit.visits([0, 2], 2), Limit.cover(range(3), 1, [1]), Limit.work([0], 3, 1), Limit.handovers(3, [1], True),
-        Team("c", 2, 0.5, [0, 2]),
+        Limit.cover(["a", "c"], 1, [0, 2], served=True), Team("c", 2, 0.5, [0, 2]),
     ]  # fmt: skip
     problem = SAP(
         rng.random((3, 2, 3)), 0.5, [-1, 2], capacity=[1, 2, 2], idle=True, limits=limits, tasks=list("abc")
