@@ -25,7 +25,7 @@ LAYERS = (
     ("sweeps",),
     ("warming",),
     ("api",),
-    ("domains", "learning", "report"),
+    ("domains", "exchange", "learning", "report"),
     ("solvers", "plotting"),
     ("formulations",),
     ("running", "proofs"),
@@ -35,8 +35,13 @@ LAYERS = (
     ("kernels",),
 )
 """From the top down. Folders of one layer do not import each other."""
-UPWARDS = {("problem/result.py", "report")}
-"""The exception: `Result.report` hands over to the page that shows it, inside the method."""
+UPWARDS = {
+    ("problem/result.py", "report"),
+    ("problem/result.py", "exchange"),
+    ("problem/sap.py", "exchange"),
+}
+"""The exceptions: inside their methods, `Result.report` hands over to the page that shows it, and problems and results
+to what reads and writes tables and the files of other programs."""
 BUILT_ON = {
     "joint": {"switching"},
 }
@@ -95,8 +100,8 @@ def test_import_is_fast() -> None:
 
 def test_import_is_light() -> None:
     """`import sapopt` and the solvers load no heavy package: those are imported when first needed."""
-    heavy = "clarabel cvxpy dask highspy matplotlib networkx numba pandas pettingzoo rich sgp4 torch typer"
-    heavy += " scipy.linalg scipy.optimize scipy.stats"
+    heavy = "clarabel cvxpy czml3 dask highspy matplotlib networkx numba pettingzoo rich sgp4 torch typer"
+    heavy += " openpyxl pandas pyarrow scipy.linalg scipy.optimize scipy.stats"
     code = f"import sys, sapopt, sapopt.solvers; print(*[m for m in '{heavy}'.split() if m in sys.modules])"
     assert run(code).split() == []
 

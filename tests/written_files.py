@@ -15,6 +15,7 @@ from experiments.common import Run as Experiment
 from sapopt import SAP, bound, certify, solve
 from sapopt.cli.output import Output, figure
 from sapopt.data.files import write_arrays
+from sapopt.exchange import write_csv, write_excel, write_json, write_parquet
 from sapopt.formulations import qap
 from sapopt.learning.checkpoint import Checkpoint, save_checkpoint
 from sapopt.learning.logs import TrainingLog
@@ -70,6 +71,10 @@ def written() -> dict[str, Callable[[Path], Any]]:
         "figure": save_png,
         "page": lambda path: report(PROBLEM, result, path, force=True),
         "table": ChargeValue.load("power").save,
+        "plan.csv": lambda path: write_csv(result, path),
+        "plan.xlsx": lambda path: write_excel(result, path),
+        "plan.parquet": lambda path: write_parquet(result, path),
+        "plan.json": lambda path: write_json(result, path),
         "qap": qap.formulate(SAP(np.ones((3, 5, 5)), 0.4)).write_qaplib,
         "weights": lambda path: save_network(NETWORK, path),
         "checkpoint": save_checkpoints,
@@ -82,6 +87,7 @@ def written() -> dict[str, Callable[[Path], Any]]:
 
 
 KINDS = (
-    "problem", "result", "certificate", "prices", "json", "figure", "page", "table", "qap", "weights", "checkpoint",
-    "standing", "log.csv", f"{JOB.key}.json", "experiment.json", "experiment.png",
+    "problem", "result", "certificate", "prices", "json", "figure", "page", "table", "plan.csv", "plan.xlsx",
+    "plan.parquet", "plan.json", "qap", "weights", "checkpoint", "standing", "log.csv",
+    f"{JOB.key}.json", "experiment.json", "experiment.png",
 )  # fmt: skip

@@ -6,15 +6,18 @@ import enum
 import math
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.rows import LimitUse
+from sapopt.problem.stays import Stay, stays
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from sapopt.problem.sap import SAP
 
 _FORMAT = "sapopt-result-1"
@@ -162,6 +165,87 @@ class Result:
             return self
         return replace(self, bound=bound, prices=self.prices if prices is None else prices)
 
+    @classmethod
+    def from_plan(cls, problem: SAP, plan: Any, *, solver: str = "given") -> Result:
+        """A plan from elsewhere as a result: checked against the problem, and scored.
+
+        Parameters
+        ----------
+        problem : SAP
+        plan : array_like of int, shape (T, n), list of Stay, or a table
+            Task of every agent at every step, -1 for nothing. A table is one of the forms of `to_pandas`, in a data
+            frame of any library, a mapping of names to lists, or a CSV or Parquet file: agents and tasks by name, times
+            as the problem has them. What it does not mention is idle.
+        solver : str
+            What to call the method that made it.
+
+        Returns
+        -------
+        Result
+            Without a bound; `sapopt.bound` and `sapopt.certify` prove one.
+
+        Raises
+        ------
+        ValueError
+            If the plan does not fit the problem, or breaks one of its rules.
+        """
+        from sapopt.exchange.plans import plan_of
+
+        tasks = plan_of(problem, plan)
+        return cls(tasks, problem.evaluate(tasks), Status.FEASIBLE, 0.0, solver, problem=problem)
+
+    def stays(self, problem: SAP | None = None) -> list[Stay]:
+        """Who does what, from when to when, agent by agent.
+
+        Parameters
+        ----------
+        problem : SAP, optional
+            The problem that was solved; needed only if the result was read from a file.
+
+        Returns
+        -------
+        list of Stay
+            Steps on which an agent holds nothing are in none of them.
+        """
+        from sapopt.exchange.forms import owner
+
+        known = owner(self, problem)
+        return stays(known, known.check_plan(self.plan))
+
+    def to_pandas(
+        self, form: Literal["stays", "wide", "long"] = "stays", problem: SAP | None = None
+    ) -> DataFrame:
+        """The plan as a data frame of pandas, with the names and times of the problem.
+
+        Parameters
+        ----------
+        form : {"stays", "wide", "long"}
+            One row for each stay (`Stay`); one row a step with a column for each agent; or one row for each step and
+            agent, with benefit and handover. Nothing held is None among names and -1 among numbers.
+        problem : SAP, optional
+            The problem that was solved; needed only if the result was read from a file.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed (extra ``tables``).
+        """
+        from sapopt.exchange.files import to_pandas
+
+        frame: DataFrame = to_pandas(self, form, problem)
+        return frame
+
+    def to_csv(
+        self, path: str | Path, form: Literal["stays", "wide", "long"] = "stays", problem: SAP | None = None
+    ) -> None:
+        """Write the plan as CSV in one of the forms of `to_pandas`; `sapopt.exchange` has other kinds of files.
+
+        An existing file is replaced. Times are in ISO 8601. Needs no extra.
+        """
+        from sapopt.exchange.files import write_csv
+
+        write_csv(self, path, form, problem)
+
     def report(self, path: str | Path, problem: SAP | None = None, **options: Any) -> Path:
         """Write the result as one HTML page to look at; see `sapopt.report.report`, which also compares several.
 
@@ -184,7 +268,7 @@ class Result:
         ValueError
             If the problem is not known or not the one that was solved, or the file exists and `force` is not given.
         """
-        # The one import upwards: the page is made of problem and result alone.
+        # An import upwards: the page is made of problem and result alone. So is what `sapopt.exchange` writes.
         from sapopt.report import report
 
         known = self.problem if problem is None else problem

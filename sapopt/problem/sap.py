@@ -8,13 +8,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.feasibility import explain_infeasible
 from sapopt.data.files import Entry, read_npz, write_npz
+from sapopt.data.times import checked_times, described_times, rebuilt_times
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
 from sapopt.dynamics.capabilities import adapt
@@ -66,7 +67,10 @@ class SAP:
     limits : sequence of Limit and Team
         Limits on the whole plan, and rewards for holding a task together.
     agents, tasks : sequence of str, optional
-        Labels for plots and reports.
+        Labels for messages, tables, plots and reports.
+    times : sequence of datetime, numpy.datetime64, number or str, optional
+        When every step begins, ascending; texts are ISO 8601. For tables and for other programs: no value depends on
+        them.
 
     Attributes
     ----------
@@ -104,6 +108,7 @@ class SAP:
         limits: Iterable[Limit | Team] = (),
         agents: Sequence[str] | None = None,
         tasks: Sequence[str] | None = None,
+        times: Sequence[Any] | None = None,
     ) -> None:
         self.benefits = Benefits(benefits).settled()
         self.T, self.n, self.m = self.benefits.shape
@@ -119,6 +124,7 @@ class SAP:
         self.initial_assignment = self._checked_initial(initial_assignment)
         self.agents = _labels(agents, self.n, "agents")
         self.tasks = _labels(tasks, self.m, "tasks")
+        self.times = checked_times(times, self.T)
         self.limits = checked_limits(limits)
         self.rows: Rows = self._rows()
         self.core: SAP = self if self.is_plain else cast(SAP, made_core(self))
@@ -138,6 +144,66 @@ class SAP:
         if labels is not None:
             kwargs["tasks"] = [*labels, *(f"idle {i}" for i in range(wide.shape[1]))]
         return cls(wide, dynamics, *args, **kwargs)
+
+    @classmethod
+    def from_table(
+        cls,
+        table: Any,
+        dynamics: Dynamics | float = 0.0,
+        *,
+        step: str = "step",
+        agent: str = "agent",
+        task: str = "task",
+        benefit: str = "benefit",
+        forbidden: str | None = None,
+        missing: Literal["zero", "forbidden"] = "zero",
+        agents: Sequence[str] | None = None,
+        tasks: Sequence[str] | None = None,
+        **options: Any,
+    ) -> SAP:
+        """Build a problem from a table in long form, with one row for each step, agent and task.
+
+        Parameters
+        ----------
+        table : data frame, mapping of str to sequence, str or Path
+            A data frame of pandas or polars, a table of pyarrow, a mapping of names to lists, or a CSV or Parquet file.
+        dynamics : Dynamics or float
+            As for `SAP`.
+        step, agent, task, benefit : str
+            Names of the columns. Steps are numbers or time stamps (texts are ISO 8601), and are sorted; there is one
+            step for each that occurs. Agents and tasks are names, in order of appearance. A benefit of ``-inf``
+            forbids the pair.
+        forbidden : str, optional
+            Name of a column of true and false: true forbids the pair, whatever its benefit.
+        missing : {"zero", "forbidden"}
+            What pairs without a row are: worth nothing, or forbidden.
+        agents, tasks : sequence of str, optional
+            Names in an order of your own, with those that no row mentions.
+        **options
+            ``initial_assignment``, ``capacity``, ``idle`` and ``limits`` of `SAP`. The first two may also be mappings:
+            from agents to tasks, and from tasks to numbers (1 where a task is not mentioned).
+
+        Returns
+        -------
+        SAP
+            With labels, and with `times` unless the steps are 0, 1, 2, ...
+
+        Raises
+        ------
+        ValueError
+            If a column is missing, a row holds no value, or two rows say what one pair is worth; rows are counted
+            from 0.
+
+        Examples
+        --------
+        >>> table = {"step": [0, 0, 1], "agent": ["Ada", "Bo", "Bo"], "task": ["x", "y", "x"], "benefit": [3, 2, 1]}
+        >>> SAP.from_table(table, SwitchingCost(0.5)).agents
+        ('Ada', 'Bo')
+        """
+        from sapopt.exchange.problems import arguments
+
+        names = {"step": step, "agent": agent, "task": task, "benefit": benefit, "forbidden": forbidden}
+        return cls(dynamics=dynamics, **arguments(table, names, missing, agents, tasks, options))
 
     def __repr__(self) -> str:
         return f"SAP(T={self.T}, n={self.n}, m={self.m}, {self.dynamics!r})"
@@ -195,20 +261,7 @@ class SAP:
             forbidden pair, or if it breaks a hard limit.
         """
         tasks = self.check_plan(plan)
-        core = self.core
-        places = self.placed(tasks)
-        held = core.benefits.at(places)
-        eta = np.empty((self.T, self.n))
-        state = self.initial_state()
-        for k in range(self.T):
-            eta[k] = self.model.handover_at(k, state, places[k])
-            state = self.model.transition(k, state, places[k])
-        forbidden = np.argwhere(~(np.isfinite(held) & np.isfinite(eta)))
-        if len(forbidden):
-            k, i = (int(x) for x in forbidden[0])
-            raise ValueError(
-                f"plan: agent {i} may not take task {tasks[k, i]} at step {k} (the pair is forbidden)"
-            )
+        held, eta = self.terms(tasks)
         previous = (
             tasks[:-1]
             if self.initial_assignment is None
@@ -222,9 +275,40 @@ class SAP:
                 value, held.sum(axis=1), eta.sum(axis=1), handovers,
                 paid_handovers=int((eta < 0).sum()), switches=self._switches(tasks, held),
             )  # fmt: skip
-            return self._within_limits(score, places) if self.limits else score
+            return self._within_limits(score, self.placed(tasks)) if self.limits else score
         except OverflowError:
             raise ValueError("benefits and handovers are so large that their sum overflows") from None
+
+    def terms(self, plan: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Benefit and handover (both (T, n)) of every agent at every step of a checked plan.
+
+        Raises
+        ------
+        ValueError
+            If a pair is forbidden.
+        """
+        places = self.placed(plan)
+        held = self.core.benefits.at(places)
+        eta = np.empty((self.T, self.n))
+        state = self.initial_state()
+        for k in range(self.T):
+            eta[k] = self.model.handover_at(k, state, places[k])
+            state = self.model.transition(k, state, places[k])
+        forbidden = np.argwhere(~(np.isfinite(held) & np.isfinite(eta)))
+        if len(forbidden):
+            k, i = (int(x) for x in forbidden[0])
+            raise ValueError(
+                f"plan: agent {i} may not take task {plan[k, i]} at step {k} (the pair is forbidden)"
+            )
+        return held, eta
+
+    def agent_label(self, i: int) -> str | int:
+        """What agent i is called; its number if it has no name."""
+        return i if self.agents is None else self.agents[i]
+
+    def task_label(self, j: int) -> str | int:
+        """What task j is called; its number if it has no name."""
+        return j if self.tasks is None else self.tasks[j]
 
     def _switches(self, tasks: IntArray, held: FloatArray) -> int:
         """How often an agent goes on from one task that serves it to another, in a plan with its benefits (T, n)."""
@@ -328,6 +412,7 @@ class SAP:
             "agents": self.agents,
             "tasks": self.tasks,
             "shape": [self.T, self.n, self.m],
+            **described_times(self.times),
         }
         if self.benefits.is_sparse:
             flat = self.benefits.flat()
@@ -365,7 +450,7 @@ class SAP:
             return cls(
                 benefits, rebuilt(meta, arrays), arrays.get("initial_assignment"),
                 capacity=arrays.get("capacity", 1), idle=meta.get("idle", False), limits=rebuilt_limits(meta, arrays),
-                agents=meta["agents"], tasks=meta["tasks"],
+                agents=meta["agents"], tasks=meta["tasks"], times=rebuilt_times(meta),
             )  # fmt: skip
         except (KeyError, TypeError, OverflowError, MemoryError) as error:
             raise ValueError(f"{path}: damaged problem file ({error})") from None

@@ -1,0 +1,9 @@
+"""Tables in, plans out: problems from data frames, and plans and problems in the files of other programs.
+
+`SAP.from_table`, `Result.from_plan`, `Result.to_pandas` and `Result.to_csv` are the usual ways in; the program
+``sapopt export`` writes every kind of file.
+"""
+
+from sapopt.exchange.files import to_pandas, write_csv, write_excel, write_json, write_parquet
+
+__all__ = ["to_pandas", "write_csv", "write_excel", "write_json", "write_parquet"]
