@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +41,8 @@ class Constellation:
         Seconds from one step to the next.
     field_of_view : FieldOfView
     satellite_names : tuple of str, length n
+    start : datetime or None
+        Time of the first step, with a time zone; None if it is not known.
     """
 
     positions_km: FloatArray
@@ -49,6 +51,7 @@ class Constellation:
     step_s: float
     field_of_view: FieldOfView = field(default_factory=FieldOfView)
     satellite_names: tuple[str, ...] = ()
+    start: datetime | None = None
 
     @property
     def T(self) -> int:
@@ -64,6 +67,15 @@ class Constellation:
     def m(self) -> int:
         """Number of tasks."""
         return self.tasks.m
+
+    @property
+    def times(self) -> tuple[datetime, ...] | None:
+        """When every step begins, in the time zone of `start`; None if that is not known."""
+        if self.start is None:
+            return None
+        first = self.start.astimezone(UTC)
+        moments = (first + timedelta(seconds=self.step_s * k) for k in range(self.T))
+        return tuple(moment.astimezone(self.start.tzinfo) for moment in moments)
 
     def problem(
         self,
@@ -101,7 +113,10 @@ class Constellation:
             )
         if dynamics is None:
             dynamics = SwitchingCost(cost, idle_is_free=idle_is_free)
-        return SAP(self.benefits, dynamics, initial_assignment, agents=self.satellite_names or None)
+        return SAP(
+            self.benefits, dynamics, initial_assignment, agents=self.satellite_names or None,
+            tasks=self.tasks.names or None, times=self.times,
+        )  # fmt: skip
 
     def graphs(self, range_km: float = 2500.0, steps: Sequence[int] | None = None) -> list[nx.Graph]:
         """Communication graphs, one per step (or per step of `steps`): see `links`."""
@@ -121,7 +136,7 @@ class Constellation:
             raise ValueError("inclination_deg, steps: no satellite ever sees a task")
         return constellation(
             self.positions_km[:, seeing], self.tasks, self.step_s, field_of_view=self.field_of_view,
-            satellite_names=[self.satellite_names[i] for i in seeing],
+            satellite_names=[self.satellite_names[i] for i in seeing], start=self.start,
         )  # fmt: skip
 
     def with_idle_tasks(self, count: int | None = None) -> Constellation:
@@ -139,6 +154,7 @@ def constellation(
     *,
     field_of_view: FieldOfView | None = None,
     satellite_names: Sequence[str] | None = None,
+    start: datetime | None = None,
 ) -> Constellation:
     """A constellation from positions of your own.
 
@@ -153,6 +169,8 @@ def constellation(
         The thesis' field of view if omitted.
     satellite_names : sequence of str, optional
         Their numbers if omitted.
+    start : datetime, optional
+        Time of the first step; UTC if it has no time zone.
 
     Raises
     ------
@@ -167,9 +185,12 @@ def constellation(
         raise ValueError(f"satellite_names has {len(names)} names for {n} satellites")
     if not (np.isfinite(step_s) and step_s > 0):
         raise ValueError(f"step_s must be a positive number of seconds, got {step_s}")
-    return Constellation(
-        positions, tasks, visible_benefits(positions, tasks, view), float(step_s), view, names
-    )
+    if start is not None and not isinstance(start, datetime):
+        raise ValueError(f"start must be a datetime, got {start!r}")
+    if start is not None and start.tzinfo is None:
+        start = start.replace(tzinfo=UTC)
+    benefits = visible_benefits(positions, tasks, view)
+    return Constellation(positions, tasks, benefits, float(step_s), view, names, start)
 
 
 def walker_constellation(
@@ -183,6 +204,7 @@ def walker_constellation(
     j2: bool = False,
     sidereal_angle_deg: float = 0.0,
     field_of_view: FieldOfView | None = None,
+    start: datetime | None = None,
 ) -> Constellation:
     """A Walker constellation with its tasks; the defaults are those of section 4.2 of Holder (2024) and its code.
 
@@ -197,6 +219,9 @@ def walker_constellation(
         the published code, whose Earth also stands still: the thesis says neither.
     earth, j2, sidereal_angle_deg
         See `walker_positions_km`.
+    start : datetime, optional
+        Date of the first step, for tables and maps; UTC if it has no time zone. It moves nothing: where the Earth
+        stands then is said by `sidereal_angle_deg`.
     """
     shells = (shells,) if isinstance(shells, WalkerShell) else tuple(shells)
     positions = walker_positions_km(
@@ -214,7 +239,9 @@ def walker_constellation(
         for p in range(shell.planes)
         for s in range(shell.satellites_per_plane)
     ]
-    return constellation(positions, tasks, step_s, field_of_view=field_of_view, satellite_names=names)
+    return constellation(
+        positions, tasks, step_s, field_of_view=field_of_view, satellite_names=names, start=start
+    )
 
 
 def element_constellation(
@@ -242,4 +269,7 @@ def element_constellation(
     """
     positions, kept = element_positions_km(elements, steps, step_s, start=start, earth=earth)
     names = [elements.names[i] for i in kept]
-    return constellation(positions, tasks, step_s, field_of_view=field_of_view, satellite_names=names)
+    return constellation(
+        positions, tasks, step_s, field_of_view=field_of_view, satellite_names=names,
+        start=elements.latest_epoch if start is None else start,
+    )  # fmt: skip

@@ -21,11 +21,14 @@ class GroundTasks:
         Geocentric, on the spherical Earth.
     priority : ndarray, shape (m,)
         Weight of the benefit of each task, at least 0; a task of priority 0 never yields anything (a place to idle).
+    names : tuple of str
+        Of the tasks, which problems, tables and maps then bear; empty if they have none.
     """
 
     latitude_deg: FloatArray
     longitude_deg: FloatArray
     priority: FloatArray
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("latitude_deg", "longitude_deg", "priority"):
@@ -35,6 +38,10 @@ class GroundTasks:
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} holds NaN or infinity at task {int(np.argmin(np.isfinite(array)))}")
             object.__setattr__(self, name, array)
+        names = self.names
+        if isinstance(names, str) or (len(names) not in (0, self.m)):
+            raise ValueError(f"names must be one for each of {self.m} tasks, or none, got {names!r}")
+        object.__setattr__(self, "names", tuple(str(name) for name in names))
         if self.m == 0:
             raise ValueError("latitude_deg is empty; give at least one task")
         if (bad := np.abs(self.latitude_deg) > 90.0).any():
@@ -50,6 +57,59 @@ class GroundTasks:
                 "use 0 for a task that is worth nothing"
             )
 
+    @classmethod
+    def from_table(
+        cls,
+        table: Any,
+        *,
+        latitude: str = "latitude_deg",
+        longitude: str = "longitude_deg",
+        priority: str | None = None,
+        name: str | None = None,
+    ) -> GroundTasks:
+        """Tasks from a table with one row for each.
+
+        Parameters
+        ----------
+        table : data frame, mapping of str to sequence, str or Path
+            A data frame of pandas or polars, a table of pyarrow, a mapping of names to lists, or a CSV or Parquet file.
+        latitude, longitude : str
+            Names of the columns, in degrees.
+        priority, name : str, optional
+            Names of these columns; without them every priority is 1, and tasks have no names.
+
+        Raises
+        ------
+        ValueError
+            If a column is missing or a value is none; rows are counted from 0.
+        """
+        from sapopt.domains.constellation.places import columns_of_table
+
+        return cls(*columns_of_table(table, latitude, longitude, priority, name))
+
+    @classmethod
+    def from_geojson(cls, source: Any, *, priority: str = "priority", name: str = "name") -> GroundTasks:
+        """Tasks from the points of GeoJSON (RFC 7946: WGS 84, the longitude first).
+
+        Latitudes are taken as geocentric; the difference from geodetic ones is 0.2 degrees at most.
+
+        Parameters
+        ----------
+        source : str, Path or mapping
+            A file, or GeoJSON that was read already.
+        priority, name : str
+            Properties of the features. A feature without a priority has 1; one without a name has its ``id``, else its
+            number.
+
+        Raises
+        ------
+        ValueError
+            If it is no GeoJSON, or a feature is no point; features are counted from 0.
+        """
+        from sapopt.domains.constellation.places import columns_of_geojson
+
+        return cls(*columns_of_geojson(source, priority, name))
+
     @property
     def m(self) -> int:
         """Number of tasks."""
@@ -64,6 +124,7 @@ class GroundTasks:
             np.concatenate([self.latitude_deg, zeros]),
             np.concatenate([self.longitude_deg, zeros]),
             np.concatenate([self.priority, zeros]),
+            (*self.names, *(f"idle {i}" for i in range(count))) if self.names else (),
         )
 
 

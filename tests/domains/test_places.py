@@ -1,0 +1,133 @@
+"""Places from tables and GeoJSON with their names, and constellations that keep their date."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sapopt.domains.constellation import (
+    GroundTasks,
+    WalkerShell,
+    element_constellation,
+    random_tasks,
+    starlink_elements,
+    walker_constellation,
+)
+
+SITES = {"site": ["Kiruna", "Ålesund"], "lat": [67.9, 62.5], "lon": [20.2, 6.2], "weight": [2, 1]}
+SHELL = WalkerShell(2, 3, 60.0, 1200.0)
+
+
+def collection(**change: Any) -> dict[str, Any]:
+    """The same places as GeoJSON."""
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [SITES["lon"][i], SITES["lat"][i], 300]},
+            "properties": {"name": SITES["site"][i], "priority": SITES["weight"][i]},
+        }
+        for i in range(2)
+    ]
+    features[1] |= change
+    return {"type": "FeatureCollection", "features": features}
+
+
+def test_tables_and_geojson_agree(tmp_path: Path) -> None:
+    """A frame, a CSV and GeoJSON give the same tasks, names among them, which the problem and its idle tasks bear."""
+    pd.DataFrame(SITES).to_csv(tmp_path / "sites.csv", index=False)
+    (tmp_path / "sites.geojson").write_text(json.dumps(collection()), encoding="utf-8")
+    columns = {"latitude": "lat", "longitude": "lon", "priority": "weight", "name": "site"}
+    made = [
+        GroundTasks.from_table(pd.DataFrame(SITES), **columns),
+        GroundTasks.from_table(tmp_path / "sites.csv", **columns),
+        GroundTasks.from_geojson(tmp_path / "sites.geojson"),
+        GroundTasks.from_geojson(collection()),
+    ]
+    for tasks in made:
+        assert tasks.names == ("Kiruna", "Ålesund")
+        assert tasks.latitude_deg.tolist() == SITES["lat"]
+        assert tasks.longitude_deg.tolist() == SITES["lon"]
+        assert tasks.priority.tolist() == SITES["weight"]
+    problem = walker_constellation(SHELL, made[0].with_idle_tasks(4), 3).problem()
+    assert problem.tasks == ("Kiruna", "Ålesund", "idle 0", "idle 1", "idle 2", "idle 3")
+    bare = GroundTasks.from_table(SITES, latitude="lat", longitude="lon")
+    assert bare.names == ()
+    assert bare.priority.tolist() == [1.0, 1.0]
+
+
+def test_features_without_names_have_their_id_or_number() -> None:
+    """A feature bears its name, else its id, else its number."""
+    told = collection(properties=None, id="N7")
+    told["features"].append({"type": "Feature", "geometry": {"type": "Point", "coordinates": [0, 0]}})
+    tasks = GroundTasks.from_geojson(told)
+    assert tasks.names == ("Kiruna", "N7", "2")
+    assert tasks.priority.tolist() == [2.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"type": "Polygon"}, "a FeatureCollection of points is needed, this is Polygon"),
+        ({"type": "FeatureCollection", "features": []}, "at least one task"),
+        (collection(geometry=None), r"feature 1 \(counted from 0\) has no geometry"),
+        (
+            collection(geometry={"type": "Polygon", "coordinates": []}),
+            "feature 1 .* is a Polygon; only points",
+        ),
+        (collection(geometry={"type": "Point", "coordinates": ["x", 1]}), "no longitude and latitude"),
+        (collection(geometry={"type": "Point", "coordinates": [1, 100]}), "latitude and longitude exchanged"),
+        (collection(properties={"priority": "high"}), "priority is 'high', no number"),
+    ],
+)
+def test_bad_geojson(told: Any, words: str) -> None:
+    """What is no point, or no number, is told with the feature."""
+    with pytest.raises(ValueError, match=words):
+        GroundTasks.from_geojson(told)
+
+
+def test_bad_places(tmp_path: Path) -> None:
+    """A file that is no JSON, a missing column, a missing value, and a wrong number of names are told."""
+    (tmp_path / "x.geojson").write_text("{")
+    with pytest.raises(ValueError, match=r"x\.geojson: not JSON"):
+        GroundTasks.from_geojson(tmp_path / "x.geojson")
+    with pytest.raises(ValueError, match="there is no column 'latitude_deg'"):
+        GroundTasks.from_table(SITES)
+    with pytest.raises(ValueError, match=r"lat: row 1 \(counted from 0\) has no finite value"):
+        GroundTasks.from_table({**SITES, "lat": [1.0, None]}, latitude="lat", longitude="lon")
+    with pytest.raises(ValueError, match="names must be one for each of 2 tasks"):
+        GroundTasks([0.0, 1.0], [0.0, 1.0], [1.0, 1.0], ("a",))  # type: ignore[arg-type]
+
+
+def test_a_constellation_keeps_its_date() -> None:
+    """The date goes on to the problem, in its zone, through the hour that the clocks show twice; without one, none."""
+    zone = ZoneInfo("Europe/Oslo")
+    start = datetime(2026, 10, 25, 0, 30, tzinfo=UTC).astimezone(zone)
+    built = walker_constellation(SHELL, random_tasks(6, 0), 4, 1800.0, start=start)
+    problem = built.only_seeing().with_idle_tasks().problem()
+    assert problem.times is not None
+    assert [time.isoformat()[11:] for time in problem.times] == [  # type: ignore[union-attr]
+        "02:30:00+02:00", "02:00:00+01:00", "02:30:00+01:00", "03:00:00+01:00",
+    ]  # fmt: skip
+    naive = walker_constellation(SHELL, random_tasks(6, 0), 2, start=datetime(2026, 1, 1))
+    assert naive.times == (datetime(2026, 1, 1, tzinfo=UTC), datetime(2026, 1, 1, 0, 1, tzinfo=UTC))
+    assert walker_constellation(SHELL, random_tasks(6, 0), 2).problem().times is None
+    with pytest.raises(ValueError, match="start must be a datetime"):
+        walker_constellation(SHELL, random_tasks(6, 0), 2, start="2026-01-01")  # type: ignore[arg-type]
+
+
+def test_real_satellites_start_at_their_epoch() -> None:
+    """Element sets bring their own date, and another start is kept instead."""
+    elements = starlink_elements().take(range(3))
+    built = element_constellation(elements, random_tasks(3, 0), 2)
+    assert built.start == elements.latest_epoch
+    later = elements.latest_epoch + timedelta(hours=1)
+    moved = element_constellation(elements, random_tasks(3, 0), 2, start=later)
+    assert moved.times == (later, later + timedelta(seconds=60))
+    assert not np.array_equal(moved.positions_km, built.positions_km)
