@@ -75,6 +75,8 @@ def written() -> dict[str, Callable[[Path], Any]]:
         "plan.xlsx": lambda path: write_excel(result, path),
         "plan.parquet": lambda path: write_parquet(result, path),
         "plan.json": lambda path: write_json(result, path),
+        "p.lp": lambda path: PROBLEM.write(path),
+        "p.mps": lambda path: PROBLEM.write(path),
         "qap": qap.formulate(SAP(np.ones((3, 5, 5)), 0.4)).write_qaplib,
         "weights": lambda path: save_network(NETWORK, path),
         "checkpoint": save_checkpoints,
@@ -88,6 +90,6 @@ def written() -> dict[str, Callable[[Path], Any]]:
 
 KINDS = (
     "problem", "result", "certificate", "prices", "json", "figure", "page", "table", "plan.csv", "plan.xlsx",
-    "plan.parquet", "plan.json", "qap", "weights", "checkpoint", "standing", "log.csv",
+    "plan.parquet", "plan.json", "p.lp", "p.mps", "qap", "weights", "checkpoint", "standing", "log.csv",
     f"{JOB.key}.json", "experiment.json", "experiment.png",
 )  # fmt: skip

@@ -149,7 +149,7 @@ def maximise(
     stop_at = time.monotonic() + seconds
     if seconds <= 0:
         return Answer(Ending.TIME_LIMIT, None, -np.inf, np.inf)
-    factor = _factor(programme.gain)
+    factor = objective_factor(programme.gain)
     if factor != 1.0:
         heard = None if watch is None else (lambda value, bound: watch(value / factor, bound / factor))
         larger = replace(programme, gain=programme.gain * factor, offset=programme.offset * factor)
@@ -179,7 +179,7 @@ def maximise(
     return _answer(highspy, solver, programme, relaxed, interrupted, cutoff)
 
 
-def _factor(gain: FloatArray) -> float:
+def objective_factor(gain: FloatArray) -> float:
     """Power of two that brings the largest gain to 512 .. 1024, unless it lies in 1 .. 10^6 already.
 
     HiGHS judges reduced costs and gaps by absolute tolerances (1e-7, 1e-9), which means nothing where the benefits
@@ -310,7 +310,7 @@ class GrowingProgramme:
         self._solver = highspy.Highs()
         for name, value in (("output_flag", False), ("threads", 1), ("presolve", "off")):
             self._solver.setOptionValue(name, value)
-        self._factor = _factor(programme.gain)
+        self._factor = objective_factor(programme.gain)
         scaled = replace(programme, gain=programme.gain * self._factor)
         self._solver.passModel(_model(highspy, scaled, relaxed=True))
         self._unfinished = highspy.HighsModelStatus.kTimeLimit

@@ -91,7 +91,7 @@ def formulate(problem: SAP, *, relaxed: bool = False) -> MILP:
     rules: list[Any] = []
     value: Any = 0.0
     for k in range(T):
-        worth, forbidden = _finite(dense_step(problem.benefits.step(k)))
+        worth, forbidden = finite(dense_step(problem.benefits.step(k)))
         rules += [cp.sum(x[k], axis=1) == 1, cp.sum(x[k], axis=0) <= 1, x[k] >= 0]
         if forbidden.any():
             rules.append(cp.multiply(forbidden.astype(float), x[k]) == 0)
@@ -104,12 +104,12 @@ def formulate(problem: SAP, *, relaxed: bool = False) -> MILP:
             charged = np.ones((n, m))
             if rule.idle_is_free:
                 charged = (dense_step(problem.benefits.step(k)) > 0).astype(float)
-            move = _uniform if rule.uniform_cost is not None else _by_matrix
+            move = _uniform if rule.uniform_cost is not None else moves_by_matrix
             value += move(cp, x[k - 1], x[k], charged, rule.cost, rules)
     else:
         states = local_model(problem)
         assert states is not None
-        value += _local(cp, problem, states, x, rules)
+        value += moves_by_state(cp, problem, states, x, rules)
     return MILP(cp.Problem(cp.Maximize(value), rules), x)
 
 
@@ -130,7 +130,8 @@ def recover(form: MILP, x: FloatArray | None = None) -> IntArray:
     return np.array([np.argmax(step.value, axis=1) for step in form.x])
 
 
-def _finite(benefit: FloatArray) -> tuple[FloatArray, np.ndarray]:
+def finite(benefit: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Benefits with zeros for those of forbidden pairs, and the mask of these pairs."""
     forbidden = np.isneginf(benefit)
     return np.where(forbidden, 0.0, benefit), forbidden
 
@@ -141,7 +142,8 @@ def _uniform(cp: Any, before: Any, now: Any, charged: FloatArray, cost: Any, rul
     return -float(cost) * cp.sum(cp.multiply(charged, now - kept))
 
 
-def _by_matrix(cp: Any, before: Any, now: Any, charged: FloatArray, cost: Any, rules: list[Any]) -> Any:
+def moves_by_matrix(cp: Any, before: Any, now: Any, charged: FloatArray, cost: Any, rules: list[Any]) -> Any:
+    """What the moves of a step cost by a matrix, as an expression; its variables are bound to `rules`."""
     value: Any = 0.0
     m = now.shape[1]
     for i in range(now.shape[0]):
@@ -151,7 +153,7 @@ def _by_matrix(cp: Any, before: Any, now: Any, charged: FloatArray, cost: Any, r
     return value
 
 
-def _local(cp: Any, problem: SAP, states: LocalModel, x: list[Any], rules: list[Any]) -> Any:
+def moves_by_state(cp: Any, problem: SAP, states: LocalModel, x: list[Any], rules: list[Any]) -> Any:
     """Product of local state and task, linked to the state before and the state after."""
     value: Any = 0.0
     S = states.state_count()
@@ -159,7 +161,7 @@ def _local(cp: Any, problem: SAP, states: LocalModel, x: list[Any], rules: list[
         before: Any = np.eye(S)[states.start(i)]
         for k in range(problem.T):
             successor, handover = states.step(k, i, dense_step(problem.benefits.step(k))[i])
-            eta, closed = _finite(np.array(handover, dtype=np.float64))
+            eta, closed = finite(np.array(handover, dtype=np.float64))
             both = cp.Variable((S, problem.m), nonneg=True)
             rules += [cp.sum(both, axis=1) == before, cp.sum(both, axis=0) == x[k][i]]
             if closed.any():

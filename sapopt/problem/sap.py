@@ -430,6 +430,28 @@ class SAP:
         arrays |= weights
         write_npz(path, meta, arrays)
 
+    def write(self, path: str | Path) -> None:
+        """Write the problem as a mixed-integer programme for other solvers, with readable names.
+
+        The programme is that of the agents' paths (`sapopt.formulations.limited.graph`), with all capacities, limits
+        and teams: its optimum is that of the problem. Variables are called ``take__AGENT__TASK__STEP`` (take up a task
+        at a step, 0-based), ``stay__...`` (hold it on) and ``leave__...``; where agents have states,
+        ``hold__...``. An existing file is replaced.
+
+        Parameters
+        ----------
+        path : str or Path
+            ``.lp`` (CPLEX LP) or ``.mps`` (free MPS; a maximum, with ``OBJSENSE``).
+
+        Raises
+        ------
+        ValueError
+            If the suffix is another one, the dynamics is not agent-local, or the programme would be too large.
+        """
+        from sapopt.exchange.programmes import write_programme
+
+        write_programme(self, path)
+
     @classmethod
     def load(cls, path: str | Path) -> SAP:
         """Read a problem written by `save`.

@@ -29,9 +29,7 @@ def columns_of_table(
     return north, east, worth, names
 
 
-def columns_of_geojson(
-    source: Any, priority: str, name: str
-) -> tuple[Any, Any, Any, tuple[str, ...]]:
+def columns_of_geojson(source: Any, priority: str, name: str) -> tuple[Any, Any, Any, tuple[str, ...]]:
     """The same of the points of GeoJSON (RFC 7946); see `GroundTasks.from_geojson`."""
     told, where = (source, "GeoJSON") if isinstance(source, Mapping) else (_loaded(Path(source)), str(source))
     north, east, worth, names = [], [], [], []

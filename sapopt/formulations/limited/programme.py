@@ -27,12 +27,16 @@ class LimitedProgramme:
     programme : Programme
     soft : ndarray of int64
         Rows of limits that may be broken at a price.
+    nodes, cells : ndarray of int64
+        What the first rows are about: the flow through a node of the graph, and the agents on a cell ``k * m + j``.
     """
 
     graph: PathGraph
     kept: IntArray
     programme: Programme
     soft: IntArray
+    nodes: IntArray
+    cells: IntArray
 
     def recover(self, x: FloatArray) -> IntArray:
         """Plan (T, n) of an integral point."""
@@ -67,7 +71,6 @@ def limited_programme(
     for; a team earns where enough agents hold its task.
     """
     problem, rows = graph.problem, graph.problem.rows
-    assert problem.capacity is not None
     kept = np.arange(graph.arcs) if keep is None else np.flatnonzero(keep)
     count = len(kept)
     penalty = np.minimum(rows.penalty, elastic)
@@ -89,7 +92,9 @@ def limited_programme(
     holds = np.flatnonzero(cell >= 0)
     pairs = np.unique(cell[holds] * problem.n + graph.agent[kept[holds]])
     cells, comers = np.unique(pairs // problem.n, return_counts=True)
-    room = problem.capacity.ravel()
+    room = np.ones(problem.T * problem.m, dtype=np.int64)
+    if problem.capacity is not None:
+        room = problem.capacity.ravel()
     tight = cells[comers > room[cells]]
     at = np.minimum(np.searchsorted(tight, cell[holds]), max(len(tight) - 1, 0))
     hit = holds[tight[at] == cell[holds]] if len(tight) else holds[:0]
@@ -107,7 +112,7 @@ def limited_programme(
         upper,
         integer,
     )
-    return LimitedProgramme(graph, kept, programme, soft)
+    return LimitedProgramme(graph, kept, programme, soft, nodes, tight)
 
 
 def _rows(row: IntArray, column: IntArray, value: FloatArray, shape: tuple[int, int]) -> sp.csr_array:
