@@ -260,12 +260,21 @@ class StrictSwitching(_Switching):
         T, m = smoothing.weight.shape
         counts = mass > 1e-6
         last = np.where(counts.any(axis=1), T - np.argmax(counts[:, ::-1], axis=1), 0)
-        usage = np.empty((m, T))
-        in_blocks(
-            soft.spread_waiting, m, smoothing, self.excluded, waiting, mass, last, usage,
-            scratch=lambda: (work_array(T), work_array(T + 1)), turns=0.5 * T * T * m,
-        )  # fmt: skip
-        return usage.T
+        usage = np.empty((T, m))
+        if waiting.linear:
+            ratio = smoothing.weight / waiting.best[:, None]
+            ratio[:, self.excluded] = 0.0
+            crowd = np.divide(mass, waiting.table, out=np.zeros_like(mass), where=counts)
+            in_blocks(
+                soft.spread_waiting, m, ratio, crowd, last, usage,
+                scratch=lambda: (work_array((T, m)), work_array(m)), turns=0.3 * T * T * m,
+            )  # fmt: skip
+        else:
+            in_blocks(
+                soft.spread_waiting_logs, m, smoothing, self.excluded, waiting.table, mass, last, usage,
+                scratch=lambda: (work_array(T + 1),), turns=2.0 * T * T * m,
+            )  # fmt: skip
+        return usage
 
 
 class IdleFreeSwitching(_Switching):

@@ -119,49 +119,75 @@ def soft_waiting_logs(begin, end, weight, excluded, table, held):
 
 
 @njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
-def spread_waiting(begin, end, smoothing, excluded, waiting, mass, last, usage, paid, held):
-    """Fill the rows of a block of tasks of `usage` (m, T): who waits, spread over the tasks by their weight.
+def spread_waiting(begin, end, ratio, crowd, last, usage, product, onward):
+    """Fill the columns of a block of tasks of `usage` (T, m): who waits, spread over the tasks by their weight.
+
+    Of the agents that wait over the steps a .. b - 1, task j gets the share ``ratio_a[j] ... ratio_{b-1}[j] / table``.
+    Those that began at a and are on task j at step k are, by one recursion forward and one backward,
+
+        product_k[j] = product_{k-1}[j] ratio_k[j]
+        onward_k[j]  = crowd[a, k + 1] + ratio_{k+1}[j] onward_{k+1}[j]
+        usage_k[j]  += product_k[j] onward_k[j]
 
     Parameters
     ----------
-    mass : (T, T + 1) float64
-        Expected number of agents that wait over the steps a .. b - 1, at [a, b].
+    ratio : (T, m) float64
+        Weights of the tasks that may be waited on, each divided by the best of its step; 0 for the others.
+    crowd : (T, T + 1) float64
+        Expected number of agents that wait over the steps a .. b - 1, divided by `SoftWaiting.table`, at [a, b].
     last : (T,) int64
-        Largest b whose mass counts, for every a; 0 if there is none.
-    paid, held : (T,) and (T + 1,) float64
+        Largest b whose number counts, for every a; 0 if there is none.
+    product, onward : (T, m) and (m,) float64
         Scratch.
     """
-    eps, prices, weight, table = smoothing.temperature, smoothing.prices, smoothing.weight, waiting.table
+    T = ratio.shape[0]
+    for k in range(T):
+        for j in range(begin, end):
+            usage[k, j] = 0.0
+    for a in range(T):
+        for j in range(begin, end):
+            onward[j] = 1.0
+        for k in range(a, last[a]):
+            for j in range(begin, end):
+                v = onward[j] * ratio[k, j]
+                v = v if v > _NOTHING else 0.0
+                onward[j] = v
+                product[k, j] = v
+        for j in range(begin, end):
+            onward[j] = 0.0
+        for k in range(last[a] - 1, a - 1, -1):
+            leaving = crowd[a, k + 1]
+            for j in range(begin, end):
+                onward[j] += leaving
+                usage[k, j] += product[k, j] * onward[j]
+                onward[j] *= ratio[k, j]
+
+
+@njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
+def spread_waiting_logs(begin, end, smoothing, excluded, table, mass, last, usage, held):
+    """The same from logarithms of weights, with the expected numbers `mass` (T, T + 1) and scratch `held` (T + 1,)."""
+    eps, prices = smoothing.temperature, smoothing.prices
     least = np.exp(_TINY)
     T = prices.shape[0]
     for j in range(begin, end):
         for k in range(T):
-            usage[j, k] = 0.0
-            paid[k] = weight[k, j] / waiting.best[k] if waiting.linear else prices[k, j]
+            usage[k, j] = 0.0
         if excluded[j]:
             continue
         for a in range(T):
-            price, product = 0.0, 1.0
+            price = 0.0
             for b in range(a + 1, last[a] + 1):
                 held[b] = 0.0
-                share = 0.0
-                if waiting.linear:
-                    product *= paid[b - 1]
-                    if product < _NOTHING:
-                        product = 0.0
-                    if mass[a, b] > 1e-6:
-                        share = product / table[a, b]
-                else:
-                    price += paid[b - 1]
-                    if mass[a, b] > 1e-6:
-                        share = np.exp(-price / eps - table[a, b])
-                if share > least:
-                    held[b] = share * mass[a, b]
+                price += prices[b - 1, j]
+                if mass[a, b] > 1e-6:
+                    share = np.exp(-price / eps - table[a, b])
+                    if share > least:
+                        held[b] = share * mass[a, b]
             # Whoever leaves at b was there at every step since a.
             total = 0.0
             for k in range(last[a] - 1, a - 1, -1):
                 total += held[k + 1]
-                usage[j, k] += total
+                usage[k, j] += total
 
 
 class StrictSoftScratch(NamedTuple):
