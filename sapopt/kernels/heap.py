@@ -5,7 +5,7 @@ from __future__ import annotations
 from sapopt.kernels.jit import njit
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def push(key, item, size, value, what):
     """Add an entry to a heap of `size` entries; returns the new size."""
     q = size
@@ -21,7 +21,7 @@ def push(key, item, size, value, what):
     return size + 1
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def pop(key, item, size):
     """Drop the entry of the least key, which is entry 0; returns the new size."""
     size -= 1

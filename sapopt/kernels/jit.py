@@ -124,7 +124,8 @@ def njit(
     borrows : bool
         The kernel makes no array and returns none: it only works on those that it is given. Then numba leaves out
         the counting of references. Counters are atomic and shared, so threads that take views of the same arrays, or
-        hand them to helpers, would wait for each other at every turn (a quarter of the time even on one thread).
+        hand them to helpers, would wait for each other at every turn (a quarter of the time even on one thread). A
+        kernel that borrows is not inlined into one that does not: helpers go with the kernel that calls them often.
     cache : bool
         Changes nothing: compiled code is always cached where a folder for it can be written.
     """

@@ -159,7 +159,7 @@ def match(row_start, tasks, gains, m):
     return chosen, owner, u, p, waiting, scanned
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _reduce_rows(rows, found, queue, waiting):
     """One pass of row reduction over the queue; who is left without a task is queued again.
 
@@ -206,7 +206,7 @@ def _reduce_rows(rows, found, queue, waiting):
     return again, scanned
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _augment(start, rows, found, search):
     """Insert one unassigned agent by a shortest augmenting path (Dijkstra on reduced costs).
 
@@ -380,7 +380,7 @@ def greedy(row_start, tasks, gains, held, held_gain, m):
     return chosen, owner
 
 
-@njit(cache=True, borrows=True, nogil=True, small=SMALL)
+@njit(cache=True, nogil=True, small=SMALL)
 def total_gain(row_start, tasks, gains, held, held_gain, chosen):
     """Total gain of an assignment; pairs that are not listed count 0."""
     total = 0.0

@@ -111,7 +111,7 @@ def _insert(agents, worth, found):
     return True
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _lowest(b, worth, found):
     """Find the potential of a hub and the task that attains it, a free one if possible."""
     dues, p, owner = worth.dues, found.p, found.owner
@@ -123,7 +123,7 @@ def _lowest(b, worth, found):
     found.least[b], found.lowest[b] = best, where
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _reduce_rows(worth, found, queue, waiting, late, later):
     """One pass of row reduction over the queue, see `sapopt.kernels.matching`; agents who would wait go to `late`.
 
@@ -170,7 +170,7 @@ def _reduce_rows(worth, found, queue, waiting, late, later):
     return again, later
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _touch(j, reach, agent, search, n_touched):
     """Note a shorter way to task j, through `agent`; returns how many tasks are touched now."""
     if search.dist[j] == np.inf:
@@ -181,7 +181,7 @@ def _touch(j, reach, agent, search, n_touched):
     return n_touched
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _utility(agent, worth, found):
     """The most that an agent can have at the present prices, -inf if it can have no task at all."""
     utility = -np.inf
@@ -194,7 +194,7 @@ def _utility(agent, worth, found):
     return utility
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _augment(root, worth, found, search):
     """Insert one unassigned agent by a shortest augmenting path; False if there is none."""
     row_start, tasks, values, leave, dues = worth

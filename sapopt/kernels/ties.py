@@ -157,7 +157,7 @@ def _smallest(rows, matching, tol):
             last = j
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _tight(i, rows, matching, tol, option):
     """List the tasks that agent i may have in an optimal matching as far as its own duals tell."""
     row_start, tasks, gains = rows
@@ -172,7 +172,7 @@ def _tight(i, rows, matching, tol, option):
     return size
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _redirect(i, wish, rows, matching, tol, stamp, walk):
     """Move agent i to task `wish` along an alternating path of tight pairs through agents after i, if there is one.
 

@@ -285,7 +285,7 @@ def _solve(nodes, start, node, length, problem):
     return True
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _rough_bound(start, end, stop, lookahead, problem):
     """What `_bound` or, if the interval ends before `stop`, `_pair_bound` is at most for any state."""
     prices, cost, idle_is_free = problem.prices, problem.cost, problem.idle_is_free
@@ -301,7 +301,7 @@ def _rough_bound(start, end, stop, lookahead, problem):
     )
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _bound(nodes, start, node, stop, problem):
     """Upper bound of the value of the interval from a node to `stop`; infinite as long as its window has no prices."""
     prices = problem.prices
@@ -316,7 +316,7 @@ def _bound(nodes, start, node, stop, problem):
     return total
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
     """Upper bound of the value of two intervals from a node, to ``stop - 1`` and from there to `stop`.
 
@@ -359,7 +359,7 @@ def _pair_bound(nodes, start, node, stop, problem, pair_top, pair_known):
     return total
 
 
-@njit(cache=True, borrows=True, nogil=True, no_cpython_wrapper=True)
+@njit(cache=True, nogil=True, no_cpython_wrapper=True)
 def _hash(tasks):
     """Polynomial hash of an assignment, below 2^31, so that no product overflows."""
     key = np.int64(0)
