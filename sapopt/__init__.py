@@ -7,6 +7,8 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import GainMatrix
 from sapopt.dynamics import SwitchingCost
 from sapopt.formulations.limited.why import Explanation, why_not
+from sapopt.live.decision import Decision
+from sapopt.live.session import Session
 from sapopt.problem.limit import Limit, Team
 from sapopt.problem.result import Evaluation, Result, Status
 from sapopt.problem.rows import LimitUse
@@ -23,6 +25,7 @@ __all__ = [
     "Bound",
     "Certificate",
     "CertificateError",
+    "Decision",
     "Evaluation",
     "Explanation",
     "GainMatrix",
@@ -32,6 +35,7 @@ __all__ = [
     "Outlook",
     "Progress",
     "Result",
+    "Session",
     "Status",
     "SwitchingCost",
     "Team",

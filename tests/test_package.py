@@ -24,7 +24,7 @@ LAYERS = (
     ("cli",),
     ("sweeps",),
     ("warming",),
-    ("api",),
+    ("api", "live"),
     ("domains", "exchange", "learning", "report"),
     ("solvers", "plotting"),
     ("formulations",),

@@ -89,6 +89,21 @@ class Entering:
     needs_sight: bool = False
 
 
+class AgentColumns(NamedTuple):
+    """A state in columns of one entry for each agent, so that agents and tasks may come and go between two steps.
+
+    Attributes
+    ----------
+    tasks : dict of str to ndarray of int64, shape (n,)
+        Indices of tasks; -1 for none, also where the task that an agent held is there no more.
+    values : dict of str to ndarray, shape (n,)
+        Numbers that mean the same whatever tasks there are.
+    """
+
+    tasks: dict[str, IntArray]
+    values: dict[str, np.ndarray]
+
+
 class Units(NamedTuple):
     """Drain, charge and capacity of a battery in whole multiples of one `unit` of charge."""
 
@@ -147,7 +162,7 @@ class Dynamics(Protocol):
     A class may say more, and gains by it. The names, with what is done without them, are those of `Model`:
     ``handover_at``, ``handover_limit``, ``handover_floor``, ``interval``, ``key``, ``fingerprint``, ``bind``,
     ``validate``, ``interaction`` (with ``marginal`` and ``serves``), ``path_oracle``, ``window_oracle``,
-    ``local_model``, ``charge_of``, ``features``. Each must tell of this very rule. A subclass that changes the rule of
+    ``local_model``, ``charge_of``, ``features``, ``agent_columns`` with ``of_columns``. Each must tell of this very rule. A subclass that changes the rule of
     its base therefore loses what the base says of it, and has to say it anew: see `sapopt.dynamics.capabilities`.
     """
 
@@ -246,6 +261,17 @@ class Model(ABC):
     def key(self, state: Any) -> Hashable:
         """What makes two states equal, so that equal ones are solved once; by default their contents."""
         return frozen(state)
+
+    def agent_columns(self, state: Any) -> AgentColumns | None:
+        """The state as one row for each agent, for `sapopt.Session`; None if it cannot be taken apart like this."""
+        return None
+
+    def of_columns(self, columns: AgentColumns) -> Any:
+        """The state of these rows: those of `agent_columns`, in another order, some gone and some new.
+
+        It is that before the first step of the benefits that the model knows.
+        """
+        raise ValueError(f"dynamics: {self!r} has no method of_columns(columns) to build its state from rows")
 
     def marginal(self, k: int, state: Any, activity: FloatArray) -> FloatArray:
         """Interaction (n, m) of every pair if the other agents serve task j with ``activity[i, j]`` together.

@@ -39,6 +39,8 @@ CAPABILITIES = (
     "serves",
     "charge_of",
     "features",
+    "agent_columns",
+    "of_columns",
     *NUMBERS,
     *PATHS,
     *KINDS,

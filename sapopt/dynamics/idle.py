@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.base import Model, Setting
+from sapopt.dynamics.base import AgentColumns, Model, Setting
 from sapopt.dynamics.paths.oracles import LocalModel
 
 
@@ -68,6 +68,14 @@ class IdlePlace(Model):
     def key(self, state: Any) -> Hashable:
         """That of the rule."""
         return self.inner.key(state)
+
+    def agent_columns(self, state: Any) -> AgentColumns | None:
+        """That of the rule."""
+        return self.inner.agent_columns(state)
+
+    def of_columns(self, columns: AgentColumns) -> Any:
+        """That of the rule."""
+        return self.inner.of_columns(columns)
 
     def local_model(self, benefits: Any, state: Any) -> LocalModel | None:
         """The rule's, with a last column of zeros."""

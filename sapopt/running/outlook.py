@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -58,6 +58,10 @@ class Outlook:
         policy that gets better the longer it thinks keeps to a multiple of it rather than be cut off.
     rules : StepRules or None
         What capacities and limits allow at this step; None where every task takes one agent and there are no limits.
+    deadline : float
+        Time on `sapopt.kernels.clock.now` from which on a policy that can stop thinking should answer with what it has.
+    goes_on : int
+        Steps that follow the last one of the problem; a great number in a `sapopt.Session`, whose end is not known.
     """
 
     k: int
@@ -69,6 +73,8 @@ class Outlook:
     check: Callable[[], None] = _never
     allowance: float = np.inf
     rules: StepRules | None = None
+    deadline: float = np.inf
+    goes_on: int = 0
 
     @property
     def model(self) -> Model:
@@ -164,6 +170,44 @@ class Recording(Policy, Protocol):
 
     def record(self, memory: Any) -> dict[str, Any]:
         """What goes into the trace, with equal keys throughout."""
+
+
+class Change(NamedTuple):
+    """What comes and goes between two decisions of a policy, and what of it was there before.
+
+    Attributes
+    ----------
+    agents : ndarray of int64, shape (n,)
+        Former index of every agent, -1 for a new one.
+    tasks : ndarray of int64, shape (m,)
+        Former index of every task, -1 for a new one; where agents may idle, idleness is the last.
+    limits : ndarray of int64, shape (rows,)
+        Former index of every row of the limits, -1 for a new one.
+    steps : int
+        Steps between the two decisions; 1 where one follows the other.
+    """
+
+    agents: IntArray
+    tasks: IntArray
+    limits: IntArray
+    steps: int
+
+
+@runtime_checkable
+class Carrying(Policy, Protocol):
+    """A policy whose memory goes on while agents and tasks come and go; that of any other policy begins anew each time.
+
+    For `sapopt.Session`. Memories are never changed in place.
+    """
+
+    def carried(self, memory: Any, change: Change) -> Any:
+        """The memory for the agents, tasks and limits that there are now, as if the last decision was a step ago."""
+
+    def stored(self, memory: Any) -> dict[str, np.ndarray]:
+        """All of the memory as arrays of numbers, for a file."""
+
+    def restored(self, arrays: dict[str, np.ndarray]) -> Any:
+        """Undo `stored`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from sapopt.formulations.dual.subgradient import Subgradient
 from sapopt.formulations.limited.dual import Prices
 from sapopt.kernels import clock
 from sapopt.problem.sap import SAP
-from sapopt.running.outlook import Outlook
+from sapopt.running.outlook import Change, Outlook
 from sapopt.solvers.base import EXTRAS, check_lookahead
 from sapopt.solvers.limited.receding import priced_step
 
@@ -113,10 +113,11 @@ class DualLookahead:
         if outlook.rules is not None:
             before = memory if isinstance(memory, Prices) else None
             seconds = (_FIRST_SHARES if before is None else _SHARES) * outlook.allowance
+            seconds = min(seconds, outlook.deadline - clock.now())
             return priced_step(outlook, self.window, self.iterations, before, seconds)
         assert not isinstance(memory, Prices)
         benefits = outlook.benefits(self.window)
-        left = outlook.problem.T - outlook.k - benefits.shape[0]
+        left = outlook.problem.T - outlook.k - benefits.shape[0] + outlook.goes_on
         batteries = outlook.model.batteries()
         oracle: PathOracle
         if self.end_value is None or batteries is None:
@@ -136,9 +137,45 @@ class DualLookahead:
             known = min(T, len(memory) - 1)
             prices[:known] = memory[1 : known + 1]
         shares = _FIRST_SHARES if memory is None else _SHARES
-        until = clock.now() + shares * outlook.allowance
+        until = min(clock.now() + shares * outlook.allowance, outlook.deadline)
         prices = self._priced(oracle, prices, memory is None, outlook.check, until)
         return assign_first(outlook, oracle, prices), prices
+
+    def carried(self, memory: FloatArray | Prices | None, change: Change) -> FloatArray | Prices | None:
+        """The prices of the tasks that are still there; new tasks cost nothing at first."""
+        if memory is None:
+            return None
+        tasks = memory.tasks if isinstance(memory, Prices) else memory
+        known = change.tasks >= 0
+        prices = (
+            np.zeros((len(tasks) + 1 - change.steps, len(change.tasks)))
+            if change.steps <= len(tasks)
+            else None
+        )
+        if prices is None:  # all that was priced is over
+            return None
+        first = max(change.steps - 1, 0)
+        prices[len(prices) - (len(tasks) - first) :, known] = tasks[first:, change.tasks[known]]
+        if not isinstance(memory, Prices):
+            return prices
+        limits = np.where(change.limits >= 0, np.append(memory.limits, 0.0)[change.limits], 0.0)
+        return Prices(prices, limits, np.zeros(0))
+
+    def stored(self, memory: FloatArray | Prices | None) -> dict[str, np.ndarray]:
+        """The prices of tasks and limits; those of teams begin anew at every step."""
+        if memory is None:
+            return {}
+        return (
+            {"tasks": memory.tasks, "limits": memory.limits}
+            if isinstance(memory, Prices)
+            else {"tasks": memory}
+        )
+
+    def restored(self, arrays: dict[str, np.ndarray]) -> FloatArray | Prices | None:
+        """The prices of `stored`."""
+        if "limits" in arrays:
+            return Prices(arrays["tasks"], arrays["limits"], np.zeros(0))
+        return arrays.get("tasks")
 
     def _priced(
         self,

@@ -53,7 +53,7 @@ class Greedy:
         chosen = np.full(n, -1)
         is_taken = np.zeros(m, dtype=bool)
         if memory is not None:
-            in_view = outlook.benefits(1).at(memory[None])[0] > 0
+            in_view = (outlook.benefits(1).at(memory[None])[0] > 0) & (memory >= 0)
             chosen[in_view] = memory[in_view]
             is_taken[memory[in_view]] = True
         for i in np.flatnonzero(chosen < 0):
@@ -121,7 +121,7 @@ def _wait(
     waiting = np.flatnonzero(chosen < 0)
     if held is not None:
         for i in waiting:
-            if not is_taken[held[i]] and (allowed is None or allowed[i, held[i]]):
+            if held[i] >= 0 and not is_taken[held[i]] and (allowed is None or allowed[i, held[i]]):
                 chosen[i] = held[i]
                 is_taken[held[i]] = True
         waiting = np.flatnonzero(chosen < 0)

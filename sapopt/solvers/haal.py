@@ -11,7 +11,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import value_of
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
-from sapopt.running.outlook import Outlook
+from sapopt.running.outlook import Change, Outlook
 from sapopt.solvers.base import EXTRAS, check_lookahead
 from sapopt.solvers.haal_tree import CompiledTree
 
@@ -131,6 +131,25 @@ class HAAL:
         """Empty memory."""
         return HAALMemory()
 
+    def carried(self, memory: HAALMemory, change: Change) -> HAALMemory:
+        """The rest of the plan, where all of its agents and tasks are still there; benefits count as new ones."""
+        place = np.full(int(max(change.tasks.max(initial=-1), *(k.max() for k in memory.kept), -1)) + 2, -1)
+        place[change.tasks] = np.arange(len(change.tasks))
+        place[-1] = -1
+        kept = [place[tasks[change.agents]] for tasks in memory.kept[max(change.steps - 1, 0) :]]
+        whole = change.steps >= 1 and change.agents.min() >= 0 and all(tasks.min() >= 0 for tasks in kept)
+        return HAALMemory(kept=kept if whole else [], assignment_problems=memory.assignment_problems)
+
+    def stored(self, memory: HAALMemory) -> dict[str, np.ndarray]:
+        """The rest of the plan and the count of assignment problems."""
+        count = {"assignment_problems": np.array(memory.assignment_problems)}
+        return count | ({"kept": np.stack(memory.kept)} if memory.kept else {})
+
+    def restored(self, arrays: dict[str, np.ndarray]) -> HAALMemory:
+        """The memory of `stored`."""
+        kept = [tasks.astype(np.int64) for tasks in arrays.get("kept", [])]
+        return HAALMemory(kept=kept, assignment_problems=int(arrays["assignment_problems"]))
+
     def record(self, memory: HAALMemory) -> dict[str, int]:
         """For the trace: assignment problems solved so far."""
         return {"assignment_problems": memory.assignment_problems}
@@ -149,6 +168,8 @@ class HAAL:
             return None
         if outlook.rules is not None:  # it knows one task for each agent, and no limits
             return None
+        if outlook.model.switching() is not None and outlook.state is not None and outlook.state.min() < 0:
+            return None  # nor agents that hold nothing beside others that do
         if memory.tree is None:
             memory.tree = CompiledTree.of(outlook, self.lookahead)
         first = None

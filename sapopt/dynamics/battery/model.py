@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray, real_array
-from sapopt.dynamics.base import Model, Setting, Units
+from sapopt.dynamics.base import AgentColumns, Model, Setting, Units
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
@@ -165,6 +165,16 @@ class Battery(Model):
     def key(self, state: BatteryState) -> bytes:
         """Fingerprint of all that matters of a state."""
         return state.levels.tobytes() + self.serving(state).tobytes() + bytes([state.held is None])
+
+    def agent_columns(self, state: BatteryState) -> AgentColumns | None:
+        """Task, charge, and whether the agent worked."""
+        held = np.full(len(state.levels), -1) if state.held is None else state.held
+        return AgentColumns({"held": held}, {"levels": state.levels, "working": state.working})
+
+    def of_columns(self, columns: AgentColumns) -> BatteryState:
+        """The state of these batteries; whoever holds nothing does not work."""
+        held = columns.tasks["held"]
+        return BatteryState(held, columns.values["levels"], columns.values["working"] & (held >= 0))
 
     def serving(self, state: BatteryState) -> IntArray:
         """Task that every agent may work on without paying, shape ``(n,)``; -1 for none (also if it is dead)."""

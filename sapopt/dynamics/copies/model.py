@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from sapopt.data.benefits import Benefits, StepMatrix, dense_step
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
-from sapopt.dynamics.base import Entering, Model, Setting
+from sapopt.dynamics.base import AgentColumns, Entering, Model, Setting
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
@@ -108,7 +108,7 @@ class SyntheticSwitching(Model):
     def initial_state(self, problem: Setting) -> Held:
         """Real tasks of the initial assignment, or None."""
         start = problem.initial_assignment
-        return None if start is None else self.real_tasks(problem.m)[start]
+        return None if start is None else np.where(start >= 0, self.real_tasks(problem.m)[start], -1)
 
     def transition(self, k: int, state: Held, assignment: IntArray) -> Held:
         """Real tasks of the assignment, -1 where `needs_sight` and nothing is seen."""
@@ -125,6 +125,17 @@ class SyntheticSwitching(Model):
         if self.agent_of is None:
             return state.tobytes()
         return state[np.lexsort((state, self.agent_of))].tobytes()
+
+    def agent_columns(self, state: Held) -> AgentColumns | None:
+        """What every agent held; real tasks keep their numbers where the user gives these."""
+        if state is None:
+            return None
+        held = {"held": state}
+        return AgentColumns(held, {}) if self.task_of is None else AgentColumns({}, held)
+
+    def of_columns(self, columns: AgentColumns) -> Held:
+        """What every agent held."""
+        return np.asarray((columns.tasks | columns.values)["held"])
 
     def handover(self, k: int, state: Held) -> FloatArray:
         """Handover matrix, shape ``(n, m)``; zero if `state` is None."""

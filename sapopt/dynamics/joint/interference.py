@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from sapopt.data.benefits import Benefits
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
-from sapopt.dynamics.base import Model, Setting
+from sapopt.dynamics.base import AgentColumns, Model, Setting
 from sapopt.dynamics.switching.model import Held, SwitchingCost
 
 if TYPE_CHECKING:
@@ -100,6 +100,14 @@ class Interference(Model):
     def transition(self, k: int, state: Held, assignment: IntArray) -> Held:
         """The assignment itself."""
         return assignment
+
+    def agent_columns(self, state: Held) -> AgentColumns | None:
+        """As the switching rule."""
+        return self._switching.agent_columns(state)
+
+    def of_columns(self, columns: AgentColumns) -> Held:
+        """As the switching rule."""
+        return self._switching.of_columns(columns)
 
     def key(self, state: Held) -> bytes:
         """Fingerprint of a state."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.dynamics.base import Model, Setting
+from sapopt.dynamics.base import AgentColumns, Model, Setting
 from sapopt.dynamics.paths.oracles import IDLE
 
 if TYPE_CHECKING:
@@ -107,6 +107,14 @@ class AgentLocal(Model):
     def transition(self, k: int, state: LocalStates, assignment: IntArray) -> LocalStates:
         """Local states after an assignment."""
         return LocalStates(k + 1, self._move(k, state, assignment)[1])
+
+    def agent_columns(self, state: LocalStates) -> AgentColumns | None:
+        """The agents' numbers, as they are: a rule whose numbers stand for tasks has to say which."""
+        return AgentColumns({}, {"local": state.local})
+
+    def of_columns(self, columns: AgentColumns) -> LocalStates:
+        """The agents' numbers before the first step of the benefits."""
+        return LocalStates(0, columns.values["local"])
 
     def key(self, state: LocalStates) -> tuple[int, bytes]:
         """Fingerprint of a state."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, real_array
-from sapopt.dynamics.base import Setting
-from sapopt.dynamics.rules.agent_local import AgentLocal
+from sapopt.dynamics.base import AgentColumns, Setting
+from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
 NADIR = -1
 """Local state of a satellite that points straight down."""
@@ -85,6 +85,15 @@ class SlewCost(AgentLocal):
             return np.full(problem.n, ANYWHERE)
         seen = problem.benefits.slice(0, 1).at(held[None])[0] > 0
         return np.where(seen, held, NADIR)
+
+    def agent_columns(self, state: LocalStates) -> AgentColumns:
+        """The target that every satellite points to, or where it points else."""
+        return AgentColumns({"target": np.where(state.local >= 0, state.local, -1)}, {"local": state.local})
+
+    def of_columns(self, columns: AgentColumns) -> LocalStates:
+        """Satellites whose target is there no more point down."""
+        target, local = columns.tasks["target"], columns.values["local"]
+        return LocalStates(0, np.where(target >= 0, target, np.where(local < 0, local, NADIR)))
 
     def rule(
         self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray, real_array
-from sapopt.dynamics.base import Entering, Model, Setting, Switching
+from sapopt.dynamics.base import AgentColumns, Entering, Model, Setting, Switching
 
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
@@ -19,7 +19,11 @@ if TYPE_CHECKING:
     from sapopt.dynamics.switching.states import SwitchingStates
 
 Held = IntArray | None
-"""State: the previous assignment, shape (n,); None before a first step that pays no handover."""
+"""State: the previous assignment, shape (n,); None before a first step that pays no handover.
+
+-1 stands for an agent that holds nothing that still is there (`sapopt.Session`): whatever it takes up, it pays the cost
+of a move. Under a matrix of costs, which has none for that, it pays nothing.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +95,14 @@ class SwitchingCost(Model):
         """Fingerprint of a state."""
         return b"" if state is None else state.tobytes()
 
+    def agent_columns(self, state: Held) -> AgentColumns | None:
+        """What every agent holds."""
+        return None if state is None else AgentColumns({"held": state}, {})
+
+    def of_columns(self, columns: AgentColumns) -> Held:
+        """What every agent holds."""
+        return columns.tasks["held"]
+
     def handover(self, k: int, state: Held) -> FloatArray:
         """Handover matrix, shape ``(n, m)``; zero if `state` is None."""
         benefits = self._bound()
@@ -99,9 +111,10 @@ class SwitchingCost(Model):
             return np.zeros((n, m))
         if self.is_uniform:
             eta = np.full((n, m), -float(self.cost))
-            eta[np.arange(n), state] = 0.0
+            holds = np.flatnonzero(state >= 0)
+            eta[holds, state[holds]] = 0.0
         else:
-            eta = -np.asarray(self.cost)[state]
+            eta = np.where((state >= 0)[:, None], -np.asarray(self.cost)[state], 0.0)
         if self.idle_is_free:
             eta = np.where(dense_step(benefits.step(k)) > 0, eta, 0.0)
         return eta + 0.0  # no negative zeros
@@ -113,7 +126,7 @@ class SwitchingCost(Model):
         if self.is_uniform:
             eta = np.where(assignment == state, 0.0, -float(self.cost))
         else:
-            eta = -np.asarray(self.cost)[state, assignment]
+            eta = np.where(state >= 0, -np.asarray(self.cost)[state, assignment], 0.0) + 0.0
         if self.idle_is_free:
             worth = self._bound().slice(k, k + 1).at(assignment[None])[0]
             eta = np.where(worth > 0, eta, 0.0)

@@ -28,7 +28,10 @@ from sapopt.kernels.blocks import in_blocks, summed_in_blocks, work_array
 
 
 class _Switching:
-    """Common part: the window's benefits, the tasks held before it, and the checks."""
+    """Common part: the window's benefits, the tasks held before it, and the checks.
+
+    In the window -1 begins with a free step. `lost` (n,) is 1 where an agent holds nothing and has to pay instead.
+    """
 
     def __init__(self, benefits: Any, cost: Any, state: Any) -> None:
         indptr, indices, data, self._shape = flat_benefits(benefits)
@@ -39,11 +42,12 @@ class _Switching:
         start = np.full(n, -1, dtype=np.int64)
         if state is not None:
             held = np.asarray(state, dtype=np.int64)
-            if held.shape != (n,) or (n and (held.min() < 0 or held.max() >= m)):
+            if held.shape != (n,) or (n and (held.min() < -1 or held.max() >= m)):
                 raise ValueError(
-                    f"state: expected the previous task of each of {n} agents, numbers in 0..{m - 1}"
+                    f"state: expected the previous task of each of {n} agents, numbers in 0..{m - 1}, -1 for none"
                 )
             start = held.copy()
+        self.lost = np.zeros(n) if state is None else np.where(start < 0, 1.0, 0.0)
         self.window = Window(n, indptr, indices, data, cost, start)
 
     @property
@@ -89,6 +93,7 @@ class StrictSwitching(_Switching):
         self.cost = float(cost)
         super().__init__(benefits, self.cost, state)
         T, n, m = self._shape
+        self.lost *= self.cost  # whatever the agent does: it is in no recursion, only in the values
         # A task with a negative or forbidden entry is no safe place to wait, so every agent keeps it as a slot.
         self.excluded = np.zeros(m, dtype=np.bool_)
         self.excluded[self.window.indices[self.window.data < 0.0]] = True
@@ -115,7 +120,7 @@ class StrictSwitching(_Switching):
             kernels.strict_paths, self.window.n, self.window, self.slots, p, self._waiting(p), values, plan,
             scratch=partial(kernels.strict_scratch, len(p), self._widest), turns=self._turns,
         )  # fmt: skip
-        return values, np.ascontiguousarray(plan.T)
+        return values - self.lost, np.ascontiguousarray(plan.T)
 
     def best_path(self, agent: int, prices: FloatArray) -> tuple[float, IntArray]:
         """Value and path (T,) of one agent; a price of +inf forbids a task at a step."""
@@ -137,11 +142,11 @@ class StrictSwitching(_Switching):
             plan,
             *kernels.strict_scratch(T, m),
         )
-        return float(values[agent]), plan[agent]
+        return float(values[agent] - self.lost[agent]), plan[agent]
 
     def first_values(self, prices: FloatArray) -> FloatArray:
         """Value (n, m) of every agent's best path that starts with every task; the first step's prices do not count."""
-        return self._uniform_first_values(False, prices)
+        return self._uniform_first_values(False, prices) - self.lost[:, None]
 
     def first_rows(self, prices: FloatArray) -> FirstRows:
         """`first_values` in sparse form."""
@@ -151,6 +156,9 @@ class StrictSwitching(_Switching):
             rows.slot_values, self.window.n, self.window, self.slots, p, self._waiting(p), values, leave,
             turns=self._turns,
         )  # fmt: skip
+        if self.lost.any():
+            values -= np.repeat(self.lost, np.diff(self.slots.ptr))
+            leave -= self.lost[:, None]
         dues = rows.waiting_dues(p, self.excluded)
         if not self.park:  # every task is listed
             leave, dues = leave[:, :0], dues[:0]
@@ -181,7 +189,9 @@ class StrictSwitching(_Switching):
                 data=whole.data[entries],
                 held=whole.held if begin == 0 else np.full(n, -1, dtype=np.int64),
             )
-            found.append(self._with_window(last - begin, part))
+            block = self._with_window(last - begin, part)
+            block.lost = self.lost if begin == 0 else np.zeros(n)
+            found.append(block)
         return found
 
     def _with_window(self, T: int, window: Window) -> StrictSwitching:
@@ -230,7 +240,7 @@ class StrictSwitching(_Switching):
         )  # fmt: skip
         if self.park:
             usage += self._spread(smoothing, waiting, mass)
-        return smoothing.temperature * log_z, usage
+        return smoothing.temperature * log_z - self.lost, usage
 
     def _soft_waiting(self, smoothing: Smoothing) -> SoftWaiting:
         if not self.park:
@@ -283,6 +293,7 @@ class IdleFreeSwitching(_Switching):
     def __init__(self, benefits: Any, cost: float, state: Any) -> None:
         self.cost = float(cost)
         super().__init__(benefits, self.cost, state)
+        self.window.held[self.lost > 0] = self._shape[2]  # a task that is not there: nothing is a stay on it
         self._count = min(self._shape[2], widest_row(self.window.indptr) + 1)
         self._most = most_entries(self.window.indptr, self.window.n)
 

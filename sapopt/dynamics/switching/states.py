@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SwitchingStates:
-    """A `SwitchingCost` in plain words: the local state is the task held before, or ``m`` for none (a `LocalModel`).
+    """A `SwitchingCost` in plain words: the local state is the task held before (a `LocalModel`).
+
+    ``m`` stands for a first step that is free, ``m + 1`` for an agent that holds nothing and pays for every move.
 
     Independent of the compiled recursions of `sapopt.dynamics`, so that they can be tested against it.
     """
@@ -27,22 +29,25 @@ class SwitchingStates:
 
     @cached_property
     def _strict(self) -> FloatArray:
-        """Handover (m + 1, m) if every move is charged."""
-        eta = np.zeros((self.m + 1, self.m))
+        """Handover (m + 2, m) if every move is charged."""
+        eta = np.zeros((self.m + 2, self.m))
         cost = np.asarray(self.dynamics.cost, dtype=np.float64)
+        eta[self.m + 1] = -cost if cost.ndim == 0 else 0.0
         eta[: self.m] = -(cost * (1.0 - np.eye(self.m)) if cost.ndim == 0 else cost)
         return eta
 
     def state_count(self) -> int:
-        """Every task, and none."""
-        return self.m + 1
+        """Every task, and the two kinds of none."""
+        return self.m + 2
 
     def start(self, agent: int) -> int:
         """Task held before the first step."""
-        return self.m if self.initial is None else int(self.initial[agent])
+        if self.initial is None:
+            return self.m
+        return int(self.initial[agent]) if self.initial[agent] >= 0 else self.m + 1
 
     def step(self, k: int, agent: int, benefit: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Successor and handover, both (m + 1, m)."""
-        successor = np.broadcast_to(np.arange(self.m), (self.m + 1, self.m))
+        """Successor and handover, both (m + 2, m)."""
+        successor = np.broadcast_to(np.arange(self.m), (self.m + 2, self.m))
         eta = self._strict * (benefit > 0) if self.dynamics.idle_is_free else self._strict
         return successor, eta

@@ -22,7 +22,7 @@ def greedily_held(outlook: Outlook, held: IntArray | None) -> IntArray:
     n, room = len(benefit), _room(outlook)
     chosen = np.full(n, -1)
     if held is not None:
-        for i in np.flatnonzero(benefit[np.arange(n), held] > 0):
+        for i in np.flatnonzero((benefit[np.arange(n), held] > 0) & (held >= 0)):
             if room[held[i]] > 0:
                 chosen[i] = held[i]
                 room[held[i]] -= 1
@@ -30,7 +30,7 @@ def greedily_held(outlook: Outlook, held: IntArray | None) -> IntArray:
         _take(benefit[i], 0.0, int(i), chosen, room)
     kept = _worth(outlook, chosen, np.where(chosen >= 0, benefit[np.arange(n), chosen], 0.0))
     if held is not None:
-        waits = np.flatnonzero(chosen < 0)
+        waits = np.flatnonzero((chosen < 0) & (held >= 0))
         kept[waits, held[waits]] += _WAITS
     return outlook.assign(kept)
 
