@@ -162,8 +162,9 @@ class Dynamics(Protocol):
     A class may say more, and gains by it. The names, with what is done without them, are those of `Model`:
     ``handover_at``, ``handover_limit``, ``handover_floor``, ``interval``, ``key``, ``fingerprint``, ``bind``,
     ``validate``, ``interaction`` (with ``marginal`` and ``serves``), ``path_oracle``, ``window_oracle``,
-    ``local_model``, ``charge_of``, ``features``, ``agent_columns`` with ``of_columns``. Each must tell of this very rule. A subclass that changes the rule of
-    its base therefore loses what the base says of it, and has to say it anew: see `sapopt.dynamics.capabilities`.
+    ``local_model``, ``charge_of``, ``features``, ``agent_columns`` (with ``of_columns``). Each must tell of this very
+    rule. A subclass that changes the rule of its base therefore loses what the base says of it, and has to say it anew:
+    see `sapopt.dynamics.capabilities`.
     """
 
     def initial_state(self, problem: Setting) -> Any:

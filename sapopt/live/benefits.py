@@ -60,7 +60,7 @@ def read_benefits(values: Any, agents: Any, tasks: Any) -> Benefits:
         k, i, j = where
         agent, task = _called(agents, i), _called(tasks, j)
         raise ValueError(
-            f"benefits: that of agent {agent!r} for task {task!r} at step {k} of the window is not a number that can be "
+            f"benefits: that of agent {agent!r} for task {task!r} at step {k} of the window is no number that can be "
             f"used ({error})"
         ) from None
 

@@ -69,23 +69,19 @@ class Course:
         """Whether all steps of the window have their assignment."""
         return self.length == self.window.steps
 
-    def outlook(self, check: Callable[[], None] = _never, deadline: float = np.inf) -> Outlook:
+    def outlook(
+        self,
+        check: Callable[[], None] = _never,
+        deadline: float = np.inf,
+        shortened: Callable[[], None] = _never,
+    ) -> Outlook:
         """What a policy may know of the next step."""
         k, core = self.length, self.window.core
         rules = None if self._ledger is None else self._ledger.rules(k)
         return Outlook(
-            k,
-            core.T,
-            self.state,
-            core,
-            self.sums,
-            self._parking,
-            check,
-            np.inf,
-            rules,
-            deadline,
-            self.goes_on,
-        )
+            k, core.T, self.state, core, self.sums, self._parking, check,
+            rules=rules, deadline=deadline, shortened=shortened, goes_on=self.goes_on,
+        )  # fmt: skip
 
     def play(self, places: IntArray) -> None:
         """Go on by an assignment of the core's places."""

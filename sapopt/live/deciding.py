@@ -177,8 +177,9 @@ def _asked(
     policy = settings.policy
     if memory is None:
         memory = policy.begin(course.window.core, np.random.default_rng([settings.seed, step]))
-    tasks, memory = policy.act(course.outlook(check, until), memory)
-    is_short = clock.now() >= until
+    cuts: list[bool] = []
+    tasks, memory = policy.act(course.outlook(check, until, lambda: cuts.append(True)), memory)
+    is_short = bool(cuts) or clock.now() >= until
     course.play(course.window.core.check_assignment(tasks, course.length))
     places, later = [course.plan[-1]], memory
     carrying = isinstance(policy, Carrying)

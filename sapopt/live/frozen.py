@@ -109,7 +109,7 @@ def _pins(step: Assignment, k: int, window: Window, given: bool) -> IntArray:
     if len(over):
         who = ", ".join(repr(window.agents.names[i]) for i in np.flatnonzero(pins == over[0]))
         raise ValueError(
-            f"frozen: task {window.tasks.names[over[0]]!r} is given to agents {who} at step {k} of the window; it takes "
-            f"{room[over[0]]}"
+            f"frozen: task {window.tasks.names[over[0]]!r} is given to agents {who} at step {k} of the window, and "
+            f"takes {room[over[0]]}"
         )
     return pins

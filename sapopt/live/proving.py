@@ -13,7 +13,7 @@ from sapopt.formulations.dual import ascend, dual_value
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.dual import Prices
 from sapopt.formulations.limited.dual import dual_value as limited_value
-from sapopt.formulations.limited.graph import path_graph
+from sapopt.formulations.limited.building import path_graph
 from sapopt.kernels import clock
 from sapopt.live.course import Course
 

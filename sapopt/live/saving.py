@@ -95,16 +95,20 @@ def loaded(
         If the file is damaged, or a policy or dynamics is needed that no file holds.
     """
     meta, arrays = read_npz(path, _FORMAT, _ENTRIES, _MOST_BYTES, prefix=_PREFIXES)
+    wrong = (KeyError, TypeError, AttributeError, IndexError, OverflowError)
     try:
-        policy = _same_policy(path, meta, policy)
+        policy, dynamics = _same_policy(path, meta, policy), _same_dynamics(path, meta, arrays, dynamics)
+    except wrong as error:
+        raise ValueError(f"{path}: damaged session file ({error})") from None
+    try:
         settings = Settings(
-            policy, _same_dynamics(path, meta, arrays, dynamics), _truth(meta["idle"]),
+            policy, dynamics, _truth(meta["idle"]),
             meta["capacity"] if isinstance(meta["capacity"], int) else _named(meta["capacity"]),
             session_limits(rebuilt_limits(meta, arrays)), _whole(meta["announce"]), _number(meta["change_cost"]),
             _named(meta["holding"]), _truth(meta["prove"]), _whole(meta["seed"]),
         )  # fmt: skip
         standing = _standing(settings, meta, arrays)
-    except (KeyError, TypeError, AttributeError, IndexError, OverflowError) as error:
+    except (*wrong, ValueError) as error:
         raise ValueError(f"{path}: damaged session file ({error})") from None
     return settings, standing
 

@@ -182,8 +182,8 @@ class Session:
             budget that is too small for it. Kernels that still have to be compiled take longer too: `warm`.
         frozen : int, dict, or list of dict, optional
             First steps that may not change: so many of those announced; or a task (None: nothing) by agent, for this
-            step or for as many as the list has. Agents that are not named may choose. Of what was announced, pairs whose
-            agent or task is gone are free.
+            step or for as many as the list has. Agents that are not named may choose. Of what was announced, pairs
+            whose agent or task is gone are free.
         ends : bool
             Whether nothing follows the window; else states at its end, such as charges, keep a value.
 

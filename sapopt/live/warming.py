@@ -51,7 +51,7 @@ def run_warm(session: Session, benefits: Any, agents: Any, tasks: Any, budget_s:
 
 
 def _count(values: Any, name: str) -> int:
-    if isinstance(values, numbers.Integral) and not isinstance(values, (bool, np.bool_)) and values >= 1:
+    if isinstance(values, numbers.Integral) and not isinstance(values, (bool, np.bool_)) and int(values) >= 1:
         return int(values)
     try:
         return len(values)

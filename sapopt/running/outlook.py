@@ -60,6 +60,8 @@ class Outlook:
         What capacities and limits allow at this step; None where every task takes one agent and there are no limits.
     deadline : float
         Time on `sapopt.kernels.clock.now` from which on a policy that can stop thinking should answer with what it has.
+    shortened : callable
+        Called by a policy that does less than it would have done without the deadline.
     goes_on : int
         Steps that follow the last one of the problem; a great number in a `sapopt.Session`, whose end is not known.
     """
@@ -74,6 +76,7 @@ class Outlook:
     allowance: float = np.inf
     rules: StepRules | None = None
     deadline: float = np.inf
+    shortened: Callable[[], None] = _never
     goes_on: int = 0
 
     @property

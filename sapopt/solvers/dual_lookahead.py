@@ -36,6 +36,10 @@ from sapopt.solvers.limited.receding import priced_step
 _SHARES, _FIRST_SHARES = 0.8, 4.0
 """Time for the prices of a step, in even shares of the time left; assignments take the rest. The first step, which has
 no prices to begin with, may take more. A step that is cut short is played with the prices it has."""
+_RENEWAL = 10
+"""Iterations between two looks at what no good path uses, and at the time."""
+_PLANNED = 0.95
+"""Share of the time left that iterations are planned for."""
 
 
 def values_first_tasks(oracle: PathOracle) -> bool:
@@ -114,7 +118,11 @@ class DualLookahead:
             before = memory if isinstance(memory, Prices) else None
             seconds = (_FIRST_SHARES if before is None else _SHARES) * outlook.allowance
             seconds = min(seconds, outlook.deadline - clock.now())
-            return priced_step(outlook, self.window, self.iterations, before, seconds)
+            until = clock.now() + seconds
+            answer = priced_step(outlook, self.window, self.iterations, before, seconds)
+            if clock.now() >= until:
+                outlook.shortened()
+            return answer
         assert not isinstance(memory, Prices)
         benefits = outlook.benefits(self.window)
         left = outlook.problem.T - outlook.k - benefits.shape[0] + outlook.goes_on
@@ -138,7 +146,7 @@ class DualLookahead:
             prices[:known] = memory[1 : known + 1]
         shares = _FIRST_SHARES if memory is None else _SHARES
         until = min(clock.now() + shares * outlook.allowance, outlook.deadline)
-        prices = self._priced(oracle, prices, memory is None, outlook.check, until)
+        prices = self._priced(oracle, prices, memory is None, outlook, until)
         return assign_first(outlook, oracle, prices), prices
 
     def carried(self, memory: FloatArray | Prices | None, change: Change) -> FloatArray | Prices | None:
@@ -182,28 +190,39 @@ class DualLookahead:
         oracle: PathOracle,
         prices: FloatArray,
         first: bool,
-        check: Callable[[], None],
+        outlook: Outlook,
         until: float,
     ) -> FloatArray:
-        """Prices after all iterations, or after those that were made when the clock showed `until`."""
+        """Prices after all iterations, or after as many as there is time for until the clock shows `until`."""
         iterations = 4 * self.iterations if first else self.iterations
         if isinstance(oracle, SoftPathOracle):
             descent = SmoothDescent(iterations, hot=0.5 if first else 0.1, cold=0.02, rate=0.2)
             state = descent.begin(prices)
             cheaper = None
-            for iteration in range(iterations):
-                check()
-                if clock.now() >= until:
+            iteration, began = 0, clock.now()
+            while iteration < descent.iterations:
+                outlook.check()
+                now = clock.now()
+                if now >= until:
                     break
-                if iteration % 10 == 0:
+                if iteration % _RENEWAL == 0:
+                    if iteration and np.isfinite(until):  # cool down in the steps that there is time for
+                        affordable = int(_PLANNED * (until - now) / (now - began) * iteration)
+                        descent = descent.replanned(iteration, min(iterations - iteration, affordable))
+                        if iteration >= descent.iterations:
+                            break
                     cheaper, state = descent.cheaper(oracle, state)
                 state = descent.step(oracle, state, cheaper)
+                iteration += 1
+            if iteration < iterations:
+                outlook.shortened()
             return lowered(state.prices)
         method = Subgradient(length=0.5)
         walk = method.begin(prices, 1.0)
         for _ in range(iterations):
-            check()
+            outlook.check()
             if clock.now() >= until:
+                outlook.shortened()
                 break
             walk, _ = method.step(oracle, walk)
         return walk.best

@@ -227,7 +227,7 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
                 wanted = int(np.clip(_COOLING_SHARE * affordable, _USUAL, most))
             remaining = max(0, min(wanted - done, int(affordable)))
             if abs(done + remaining - descent.iterations) > _CHANGE * (descent.iterations - done):
-                descent = _replanned(descent, done, remaining)
+                descent = descent.replanned(done, remaining)
                 smooth = replace(smooth, rate=max(smooth.rate, descent.first_rate))
         last = smooth.iteration >= descent.iterations
         looked = smooth.iteration % _EVERY == 0 or last
@@ -238,17 +238,6 @@ def _descend(oracle: SoftPathOracle, state: DualState, watch: _Watch) -> DualSta
                 watch.look(dual_value(oracle, smooth.prices))
             return DualState(None if last else smooth, descent, None)
     return DualState(None, descent, None)
-
-
-def _replanned(descent: SmoothDescent, done: int, remaining: int) -> SmoothDescent:
-    """The rest of the fall of temperature, from where it is now, in another number of steps."""
-    count = done + remaining
-    if remaining <= 1:
-        return replace(descent, iterations=count)
-    now = descent.relative(done)
-    # `hot` such that step `done` is at temperature `now`, and step `count - 1` at `cold`
-    hot = descent.cold * (now / descent.cold) ** ((count - 1) / (count - 1 - done))
-    return replace(descent, hot=hot, iterations=count)
 
 
 def _scale(first: DualValue, n: int, T: int) -> float:

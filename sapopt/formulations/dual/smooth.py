@@ -114,6 +114,16 @@ class SmoothDescent:
         done = min(1.0, iteration / max(1, self.iterations - 1))
         return float(np.exp((1.0 - done) * np.log(self.hot) + done * np.log(self.cold)))
 
+    def replanned(self, done: int, remaining: int) -> SmoothDescent:
+        """The rest of the fall of temperature, from where it is after `done` steps, in another number of steps."""
+        count = done + remaining
+        if remaining <= 1:
+            return replace(self, iterations=count)
+        now = self.relative(done)
+        # `hot` such that step `done` is at temperature `now`, and step `count - 1` at `cold`
+        hot = self.cold * (now / self.cold) ** ((count - 1) / (count - 1 - done))
+        return replace(self, hot=hot, iterations=count)
+
     def temperature(self, oracle: SoftPathOracle, iteration: int) -> float:
         """Temperature of a step."""
         return max(self.relative(iteration) * oracle.scale, 1.05 * oracle.coldest, 1e-12 * oracle.scale)
