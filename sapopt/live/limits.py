@@ -77,7 +77,7 @@ def limits_left(
         options: dict[str, Any] = {"name": limit.called, "penalty": limit.penalty}
         if limit.kind == "cover":
             assert limit.at_least is not None
-            out.append(Limit.cover([i for _, i in here], limit.at_least, **options))
+            out.append(Limit.cover([i for _, i in here], limit.at_least, served=limit.served, **options))
             continue
         assert limit.at_most is not None
         if limit.kind == "handovers" and not limit.each:
