@@ -11,9 +11,9 @@ from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.dual import ascend, dual_value
 from sapopt.formulations.limited.ascent import Ascent
+from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.dual import Prices
 from sapopt.formulations.limited.dual import dual_value as limited_value
-from sapopt.formulations.limited.building import path_graph
 from sapopt.kernels import clock
 from sapopt.live.course import Course
 

@@ -22,6 +22,8 @@ _FALL = 1e-4
 _CURVED = 1e-12
 """Least curvature along a step, relative, that is worth remembering."""
 _HALVINGS = 20
+_LEAST = float(np.finfo(np.float64).tiny)
+"""Slope that counts as none."""
 
 Pairs = deque[tuple[FloatArray, FloatArray, float]]
 
@@ -54,7 +56,7 @@ def minimised(
         stuck = ((x <= 0) & (slope > 0)) | ((x >= high) & (slope < 0))
         free = np.where(stuck, 0.0, slope)
         size = float(np.abs(free).max(initial=0.0))
-        if size == 0.0:
+        if size < _LEAST:  # its inverse would be infinite
             return x
         step = _direction(free, pairs)
         step[stuck] = 0.0
