@@ -15,7 +15,8 @@ from experiments.common import Run as Experiment
 from sapopt import SAP, bound, certify, solve
 from sapopt.cli.output import Output, figure
 from sapopt.data.files import write_arrays
-from sapopt.exchange import write_csv, write_excel, write_json, write_parquet
+from sapopt.domains.instances import scenario
+from sapopt.exchange import write_csv, write_czml, write_excel, write_geojson, write_json, write_parquet
 from sapopt.formulations import qap
 from sapopt.learning.checkpoint import Checkpoint, save_checkpoint
 from sapopt.learning.logs import TrainingLog
@@ -61,6 +62,8 @@ def written() -> dict[str, Callable[[Path], Any]]:
     """Writers by the name of their file; each takes the whole path."""
     result = solve(PROBLEM, HAA())
     proven = bound(PROBLEM)
+    earth = scenario("constellation-toy", steps=2)
+    toy = earth, solve(earth.problem(), HAA())
     certificate = certify(PROBLEM, result.with_bound(proven.value, proven.prices))
     return {
         "problem": PROBLEM.save,
@@ -75,6 +78,8 @@ def written() -> dict[str, Callable[[Path], Any]]:
         "plan.xlsx": lambda path: write_excel(result, path),
         "plan.parquet": lambda path: write_parquet(result, path),
         "plan.json": lambda path: write_json(result, path),
+        "plan.geojson": lambda path: write_geojson(toy[1], path, toy[0]),
+        "plan.czml": lambda path: write_czml(toy[1], path, toy[0]),
         "p.lp": lambda path: PROBLEM.write(path),
         "p.mps": lambda path: PROBLEM.write(path),
         "qap": qap.formulate(SAP(np.ones((3, 5, 5)), 0.4)).write_qaplib,
@@ -90,6 +95,7 @@ def written() -> dict[str, Callable[[Path], Any]]:
 
 KINDS = (
     "problem", "result", "certificate", "prices", "json", "figure", "page", "table", "plan.csv", "plan.xlsx",
-    "plan.parquet", "plan.json", "p.lp", "p.mps", "qap", "weights", "checkpoint", "standing", "log.csv",
+    "plan.parquet", "plan.json", "plan.geojson", "plan.czml",
+    "p.lp", "p.mps", "qap", "weights", "checkpoint", "standing", "log.csv",
     f"{JOB.key}.json", "experiment.json", "experiment.png",
 )  # fmt: skip

@@ -1,6 +1,7 @@
 """The ``sapopt`` program."""
 
 from sapopt.cli import (  # they add their commands to the app
+    exporting,
     proving,
     reporting,
     solving,
@@ -11,7 +12,7 @@ from sapopt.cli import (  # they add their commands to the app
 from sapopt.cli.app import app
 from sapopt.running.streams import forgive
 
-__all__ = ["app", "main", "proving", "reporting", "solving", "sweeping", "training", "warming"]
+__all__ = ["app", "exporting", "main", "proving", "reporting", "solving", "sweeping", "training", "warming"]
 
 
 def main() -> None:

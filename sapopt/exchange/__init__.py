@@ -4,6 +4,16 @@
 ``sapopt export`` writes every kind of file.
 """
 
+from sapopt.exchange.czml import write_czml
 from sapopt.exchange.files import to_pandas, write_csv, write_excel, write_json, write_parquet
+from sapopt.exchange.geojson import write_geojson
 
-__all__ = ["to_pandas", "write_csv", "write_excel", "write_json", "write_parquet"]
+__all__ = [
+    "to_pandas",
+    "write_csv",
+    "write_czml",
+    "write_excel",
+    "write_geojson",
+    "write_json",
+    "write_parquet",
+]

@@ -109,6 +109,7 @@ def test_every_kind_is_tried(writers: dict[str, Callable[[Path], Any]]) -> None:
         "sapopt/data/files.py",
         "sapopt/problem/sap.py", "sapopt/problem/result.py", "sapopt/proofs/certificate.py",
         "sapopt/exchange/files.py", "sapopt/exchange/programmes.py",
+        "sapopt/exchange/czml.py", "sapopt/exchange/geojson.py",
         "sapopt/cli/output.py", "sapopt/cli/proving.py", "sapopt/cli/solving.py",  # prices, JSON, figures
         "sapopt/report/page.py", "sapopt/solvers/charge_value.py", "sapopt/formulations/qap.py",
         "sapopt/learning/network.py", "sapopt/learning/checkpoint.py", "sapopt/learning/resume.py",
