@@ -6,6 +6,7 @@ from contextlib import suppress
 from itertools import count
 
 from sapopt import api
+from sapopt.problem.limit import Limit
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
@@ -58,5 +59,19 @@ def run_tiny(problem: SAP, solver: Solver | None) -> None:
 
 
 def first_steps(problem: SAP) -> SAP:
-    """The first `STEPS` steps of a problem."""
-    return SAP(problem.benefits.slice(0, min(STEPS, problem.T)), problem.dynamics, problem.initial_assignment)
+    """The first `STEPS` steps of a problem.
+
+    Limits are about the whole horizon, so a problem that has some gets a harmless one, for which the same is compiled.
+    """
+    steps = min(STEPS, problem.T)
+    benefits = problem.benefits.slice(0, steps)
+    capacity = 1 if problem.capacity is None else problem.capacity[:steps]
+    harmless = [Limit.work(at_most=steps)] if problem.limits else []
+    return SAP(
+        benefits,
+        problem.dynamics,
+        problem.initial_assignment,
+        capacity=capacity,
+        idle=problem.idle,
+        limits=harmless,
+    )

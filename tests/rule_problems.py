@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sapopt import SAP
-from sapopt.dynamics import AgentLocal, RideHailing, SlewCost, UnitCommitment
+from sapopt.dynamics import AgentLocal, RideHailing, SlewCost, UnitCommitment, WaitingRides
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,18 @@ def riding(seed: int, T: int = 5, n: int = 2, requests: int = 4, places: int = 4
     return SAP(benefits, RideHailing(travel, *ends, rng.integers(0, places, n), 2, 0.3))
 
 
+def waiting(seed: int, T: int = 5, n: int = 2, requests: int = 3, places: int = 4) -> SAP:
+    rng = np.random.default_rng(seed)
+    benefits = np.zeros((T, n, requests + n))
+    latest = rng.integers(0, T + 2, requests)
+    for r in range(requests):
+        benefits[rng.integers(T) : latest[r] + 1, :, r] = 1 + 3 * rng.random()
+    travel = rng.integers(1, 4, (places, places))
+    np.fill_diagonal(travel, 0)
+    ends = rng.integers(0, places, (2, requests))
+    return SAP(benefits, WaitingRides(travel, *ends, latest, rng.integers(0, places, n), 0.3))
+
+
 def committing(seed: int, T: int = 5, n: int = 2, blocks: int = 2, stops: bool = False) -> SAP:
     rng = np.random.default_rng(seed)
     benefits = np.zeros((T, n, blocks + 2 * n))
@@ -67,4 +79,4 @@ def learning(seed: int, T: int = 4, n: int = 2, m: int = 4) -> SAP:
     return SAP(rng.random((T, n, m)) * (rng.random((T, n, m)) < 0.7), Learning(0.3))
 
 
-MAKERS = (slewing, riding, committing, learning)
+MAKERS = (slewing, riding, waiting, committing, learning)

@@ -9,15 +9,19 @@ from sapopt.dynamics.battery.model import Battery
 from sapopt.dynamics.copies.model import SyntheticSwitching
 from sapopt.dynamics.joint.dictator import Dictator
 from sapopt.dynamics.joint.interference import Interference
+from sapopt.dynamics.rules.in_a_row import AtMostInARow
+from sapopt.dynamics.rules.jobs import Jobs
 from sapopt.dynamics.rules.ride_hailing import RideHailing
 from sapopt.dynamics.rules.slewing import SlewCost
 from sapopt.dynamics.rules.unit_commitment import UnitCommitment
+from sapopt.dynamics.rules.waiting_rides import WaitingRides
 from sapopt.dynamics.switching.model import SwitchingCost
 
 BUILT_IN: dict[str, type[Model]] = {
     cls.__name__: cls
     for cls in (
-        Battery, Dictator, Interference, RideHailing, SlewCost, SwitchingCost, SyntheticSwitching, UnitCommitment,
+        AtMostInARow, Battery, Dictator, Interference, Jobs, RideHailing, SlewCost, SwitchingCost,
+        SyntheticSwitching, UnitCommitment, WaitingRides,
     )
 }  # fmt: skip
 """Name in files -> class."""

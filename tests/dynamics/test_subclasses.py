@@ -26,9 +26,11 @@ FORMS = ("dense", "sparse", "forbidden")
 PATTERN = np.array([[0.9, -0.4, 0.6], [0.2, 0.8, -0.7]])
 
 PARAMETERS: dict[str, dict[str, Any]] = {
+    "AtMostInARow": {"most": 4, "cost": 0.3, "worked": [1, 0]},  # who works at every step may
     "Battery": {"cost": 0.4, "drain": 0.5, "charge": 0.25},
     "Dictator": {"values": np.arange(12.0).reshape(2, N, M) / 8, "leads_to": [[0, 1, 0], [1, 0, 1]]},
     "Interference": {"pairs": [[0, 1], [1, 2]], "loss": 0.6, "cost": 0.3},
+    "Jobs": {"length": [1], "cost": 0.3},  # nobody is ever busy
     "RideHailing": {
         "travel": [[0, 1], [1, 0]], "pick_up": [0, 1, 1], "drop_off": [1, 0, 1], "home": [0, 1], "cost": 0.2,
     },
@@ -41,6 +43,10 @@ PARAMETERS: dict[str, dict[str, Any]] = {
         "start_up": [0.3, 0.5], "minimum_up": [1, 2], "minimum_down": [2, 1], "idling": [0.1, 0.2], "initial": [-2, 1],
         "shut_down": [0.2, 0.4],
     },
+    "WaitingRides": {
+        "travel": [[0, 1], [1, 0]], "pick_up": [0, 1, 1], "drop_off": [1, 0, 1], "latest": [2, 1, 3], "home": [0, 1],
+        "cost": 0.2,
+    },
 }  # fmt: skip
 
 
@@ -51,7 +57,7 @@ def benefits_of(name: str, form: str, seed: int) -> Any:
     if name == "RideHailing":
         offered = np.arange(T)[:, None] == rng.permutation(M)[None, :]  # every request at one step
         dense *= offered[:, None, :]
-    if form == "forbidden" and name not in ("RideHailing", "SlewCost", "UnitCommitment"):
+    if form == "forbidden" and name not in ("RideHailing", "SlewCost", "UnitCommitment", "WaitingRides"):
         dense[rng.integers(T), rng.integers(N), rng.integers(M)] = -np.inf
         return dense
     if form == "sparse":

@@ -163,3 +163,26 @@ def test_descent_within_bounds(seed: int) -> None:
         function, np.zeros(size), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14}
     )
     assert function(x)[0] <= found.fun + 1e-6 * abs(found.fun)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_arcs_that_break_a_limit_alone_are_not_missed(seed: int) -> None:
+    """Without them the relaxation is no higher, and the optimum is the same."""
+    rng = np.random.default_rng(seed)
+    T, n, m = int(rng.integers(2, 6)), int(rng.integers(1, 4)), int(rng.integers(3, 5))
+    benefits = np.round(rng.random((T, n, m)), 2) * (rng.random((T, n, m)) < 0.6)
+    limits = [
+        Limit.once(times=int(rng.integers(0, 3))),
+        Limit(rng.random((T, n, m)), 1.0),
+        Limit.work(at_most=3),
+    ]
+    limits = [limit for limit in limits if rng.random() < 0.7]
+    rule = Levels() if seed % 2 else SwitchingCost(0.3)
+    core = SAP(benefits, rule, idle=True, limits=limits).core
+    whole, tight = path_graph(core, tight=False), path_graph(core)
+    assert tight.arcs <= whole.arcs
+    best, relaxed = (
+        [maximise(limited_programme(g).programme, relaxed=r).value for g in (whole, tight)] for r in (0, 1)
+    )
+    assert best[1] == pytest.approx(best[0], abs=1e-6)
+    assert best[1] - 1e-6 <= relaxed[1] <= relaxed[0] + 1e-6

@@ -44,7 +44,10 @@ def models(m: int) -> list[Any]:
     ]
 
 
-SHAPED_BY_A_DOMAIN = {dynamics.Dictator, dynamics.RideHailing, dynamics.SlewCost, dynamics.UnitCommitment}
+SHAPED_BY_A_DOMAIN = {
+    dynamics.AtMostInARow, dynamics.Dictator, dynamics.Jobs, dynamics.RideHailing, dynamics.SlewCost,
+    dynamics.UnitCommitment, dynamics.WaitingRides,
+}  # fmt: skip
 """Models with data of a domain: `tests/domains/test_scenario.py` writes and reads them with their instances."""
 
 

@@ -11,6 +11,52 @@ from sapopt.dynamics.base import Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
 
+def checked_travel(travel: object) -> IntArray:
+    """Steps from place to place.
+
+    Raises
+    ------
+    ValueError
+        If they are no square array, negative, or 0 off the diagonal.
+    """
+    steps = index_array(travel, "travel")
+    if steps.ndim != 2 or steps.shape[0] != steps.shape[1] or (steps < 0).any():
+        raise ValueError(f"travel must be a (V, V) array of steps, not negative, got shape {steps.shape}")
+    if np.diagonal(steps).any() or (steps + np.eye(len(steps), dtype=np.int64) == 0).any():
+        raise ValueError(
+            "travel must be 0 on the diagonal and at least 1 elsewhere; merge places that are one"
+        )
+    return steps
+
+
+def checked_places(places: object, name: str, count: int) -> IntArray:
+    """Places of drivers or requests.
+
+    Raises
+    ------
+    ValueError
+        If they are no list of places that there are.
+    """
+    found = index_array(places, name)
+    if found.ndim != 1 or (len(found) and not (found.min() >= 0 and found.max() < count)):
+        raise ValueError(f"{name} must be a list of places in 0..{count - 1}")
+    return found
+
+
+def checked_cost(cost: object) -> float:
+    """Cost of a step of empty driving.
+
+    Raises
+    ------
+    ValueError
+        If it is no finite number, or negative.
+    """
+    number = real_array(cost, "cost")
+    if number.ndim or not np.isfinite(number) or number < 0:
+        raise ValueError(f"cost must be one finite number, not negative, got {cost!r}")
+    return float(number)
+
+
 @dataclass(frozen=True, eq=False)
 class RideHailing(AgentLocal):
     """Drivers take rides, which carry them through the city.
@@ -19,9 +65,8 @@ class RideHailing(AgentLocal):
     must be able to be at the pick-up at most `patience` steps later, also a driver who has to finish another ride
     first. The driver pays `cost` for every step of empty driving to the pick-up, is busy until the drop-off, and is
     free there. A driver sent to a request that it cannot reach in time stays where it is and gets nothing. A request
-    that nobody takes is gone. (Were requests to wait on offer for several steps, "already served" would be a state that
-    all agents share, and the capacity of a task, which holds for each step, would not keep two drivers off one
-    request.)
+    that nobody takes is gone. (Requests that wait on offer for several steps are for `WaitingRides`: what keeps two
+    drivers off one request is a limit there, as the capacity of a task holds for each step.)
 
     The local state is the place where a driver is or will be free, and when.
 
@@ -53,31 +98,16 @@ class RideHailing(AgentLocal):
     agents_alike = True
 
     def __post_init__(self) -> None:
-        for name in ("travel", "pick_up", "drop_off", "home"):
-            object.__setattr__(self, name, index_array(getattr(self, name), name))
-        travel = self.travel
-        if travel.ndim != 2 or travel.shape[0] != travel.shape[1] or (travel < 0).any():
-            raise ValueError(
-                f"travel must be a (V, V) array of steps, not negative, got shape {travel.shape}"
-            )
-        if np.diagonal(travel).any() or (travel + np.eye(len(travel), dtype=np.int64) == 0).any():
-            raise ValueError(
-                "travel must be 0 on the diagonal and at least 1 elsewhere; merge places that are one"
-            )
+        object.__setattr__(self, "travel", checked_travel(self.travel))
         for name in ("pick_up", "drop_off", "home"):
-            places = getattr(self, name)
-            if places.ndim != 1 or (len(places) and not (places.min() >= 0 and places.max() < len(travel))):
-                raise ValueError(f"{name} must be a list of places in 0..{len(travel) - 1}")
+            object.__setattr__(self, name, checked_places(getattr(self, name), name, len(self.travel)))
         if len(self.pick_up) != len(self.drop_off):
             raise ValueError(
                 f"drop_off has {len(self.drop_off)} places for {len(self.pick_up)} pick-ups; give one each"
             )
         if isinstance(self.patience, bool) or int(self.patience) != self.patience or self.patience < 0:
             raise ValueError(f"patience must be a whole number of steps, not negative, got {self.patience!r}")
-        cost = real_array(self.cost, "cost")
-        if cost.ndim or not np.isfinite(cost) or cost < 0:
-            raise ValueError(f"cost must be one finite number, not negative, got {self.cost!r}")
-        object.__setattr__(self, "cost", float(cost))
+        object.__setattr__(self, "cost", checked_cost(self.cost))
 
     def __repr__(self) -> str:
         return f"RideHailing({len(self.travel)} places, patience={self.patience}, cost={self.cost})"

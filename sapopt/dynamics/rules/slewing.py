@@ -69,7 +69,7 @@ class SlewCost(AgentLocal):
                 f"{problem.n} agents"
             )
         flat = problem.benefits.flat()
-        if len(flat.data) and flat.data.min() < 0:
+        if (flat.data[flat.data > -np.inf] < 0).any():
             raise ValueError(
                 "benefits must not be negative here: a task is seen where its benefit is positive"
             )

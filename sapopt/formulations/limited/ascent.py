@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, root_mean_square
+from sapopt.data.types import FloatArray
 from sapopt.formulations.limited.descent import minimised
 from sapopt.formulations.limited.dual import LimitedDual, Prices, dual_value, fitting
 from sapopt.formulations.limited.graph import PathGraph
@@ -80,7 +80,7 @@ class Ascent:
         if not np.isfinite(self.best.bound):
             return self.best
         x = np.minimum(self._packed(fitting(rows, start)), self._bounds())
-        scale = root_mean_square(self.graph.gain[self.graph.holds])
+        scale = self.graph.scale
         try:
             for temperature in temperatures:
                 x = self._descend(x, temperature * scale)

@@ -27,9 +27,13 @@ from sapopt.problem.sap import SAP
 
 _MOST_ARCS = 20_000_000
 """Arcs beyond which memory runs out before anything could use them (3 GB)."""
+_MOST_LOOKS = 20_000_000
+"""Rows times arcs up to which arcs are looked for that break a limit alone."""
 
 
-def path_graph(problem: SAP, state: Any = None, also: tuple[int, int] | None = None) -> PathGraph:
+def path_graph(
+    problem: SAP, state: Any = None, also: tuple[int, int] | None = None, tight: bool = True
+) -> PathGraph:
     """The graph of a core problem (`SAP.core`).
 
     Parameters
@@ -40,6 +44,8 @@ def path_graph(problem: SAP, state: Any = None, also: tuple[int, int] | None = N
         State before its first step, by default that of the problem.
     also : (agent, task), optional
         To be in the graph though the agent may gain nothing by it.
+    tight : bool
+        Leave out arcs whose agent alone would break a limit by them (`tightened`).
 
     Raises
     ------
@@ -47,13 +53,39 @@ def path_graph(problem: SAP, state: Any = None, also: tuple[int, int] | None = N
         If the dynamics is not agent-local, or the graph would be too large.
     """
     rule = switching_rule(problem)
-    if rule is not None and rule.uniform_cost is not None:
-        return _hub_graph(problem, rule.uniform_cost, rule.idle_is_free, also)
     state = problem.initial_state() if state is None else state
-    if is_by_rule(problem):
+    if rule is not None and rule.uniform_cost is not None:
+        graph = _hub_graph(problem, rule.uniform_cost, rule.idle_is_free, also)
+    elif is_by_rule(problem):
         assert isinstance(problem.model, AgentLocal)
-        return _rule_graph(problem, problem.model, state, also)
-    return _state_graph(problem, state)
+        graph = _rule_graph(problem, problem.model, state, also)
+    else:
+        graph = _state_graph(problem, state)
+    return tightened(graph) if tight else graph
+
+
+def tightened(graph: PathGraph) -> PathGraph:
+    """The graph without the arcs that no path within the limits uses: its least sum is beyond a hard upper bound.
+
+    An agent that looks at a target once may not stay on it for a second step. The relaxation would let half an agent
+    stay for two, and turn there for half the price.
+    """
+    rows = graph.problem.rows
+    hard = np.isfinite(rows.high) & np.isinf(rows.penalty)
+    if not hard.any() or hard.sum() * graph.arcs > _MOST_LOOKS:
+        return graph
+    keep = np.ones(graph.arcs, dtype=bool)
+    for r in np.flatnonzero(hard):
+        row = graph.weights[[r]]
+        if (row.data <= 0).any() or not len(row.data):
+            continue
+        weight = np.zeros(graph.arcs)
+        weight[row.indices] = -row.data
+        values, _ = graph.onward(weight)
+        least = -values[graph.node_ptr[:-1]]
+        if (least <= rows.high[r]).all():
+            keep &= least[graph.agent] + graph.through(weight) <= rows.high[r]
+    return graph.restricted(keep)
 
 
 def _hub_graph(problem: SAP, cost: float, idle_is_free: bool, also: tuple[int, int] | None) -> PathGraph:

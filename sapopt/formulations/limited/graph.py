@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.formulations.limited import kernels
 from sapopt.kernels.blocks import in_blocks
 from sapopt.problem.sap import SAP
@@ -51,6 +51,13 @@ class PathGraph:
     def arcs(self) -> int:
         """Number of arcs."""
         return len(self.head)
+
+    @cached_property
+    def scale(self) -> float:
+        """The typical size of what there is to gain; 1 where there is nothing."""
+        sizes = np.concatenate([self.gain, self.problem.rows.team_reward])
+        sizes = sizes[(sizes != 0) & np.isfinite(sizes)]
+        return root_mean_square(sizes) if len(sizes) else 1.0
 
     def restricted(self, keep: np.ndarray) -> PathGraph:
         """The graph of the arcs of a mask (arcs,) alone; its nodes stay, some of them dead ends now."""

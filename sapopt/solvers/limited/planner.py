@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.feasibility import InfeasibleError
-from sapopt.data.types import FloatArray, IntArray, root_mean_square
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.building import path_graph
@@ -138,7 +138,7 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     search.bound = dual.bound
     search.note("prices")
     if not np.isfinite(dual.bound):
-        raise InfeasibleError(explain(graph))
+        raise InfeasibleError(explain(path_graph(problem, tight=False)))
     try:
         if graph.arcs > _SMALL:
             _from_prices(search, graph, dual)
@@ -151,7 +151,7 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
 def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
     """A plan by prices, step by step, and better ones from it, part by part."""
     run, rows = search.run, search.problem.rows
-    scale = root_mean_square(graph.gain[graph.holds])
+    scale = graph.scale
     elastic = 2.0 * float(np.abs(dual.prices.limits).max(initial=0.0)) + _ELASTIC * scale
     loss = graph.through(graph.priced(dual.prices.effective(rows), dual.prices.limits))
     plans = [search.best, rolling_plan(graph, dual.prices)]
@@ -191,7 +191,7 @@ def _promising(graph: PathGraph, plan: IntArray, loss: FloatArray) -> tuple[Path
 def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
     rows, run = search.problem.rows, search.run
     loss = graph.through(graph.priced(dual.prices.effective(rows), dual.prices.limits))
-    allowed = _FIRST_LOSS * root_mean_square(graph.gain[graph.holds])
+    allowed = _FIRST_LOSS * graph.scale
     used = None if search.best is None else graph.follow(search.best)
     while not search.is_proven and not run.expired:
         gap = dual.bound - search.value
@@ -213,7 +213,7 @@ def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
         search.bound = min(search.bound, max(inside, outside, search.value))
         search.note("programme")
         if whole and answer.ending is Ending.INFEASIBLE and search.best is None:
-            raise InfeasibleError(explain(graph))
+            raise InfeasibleError(explain(path_graph(search.problem, tight=False)))
         if whole:
             return
         if search.value > before and graph.arcs > _SMALL and search.best is not None:
