@@ -260,6 +260,11 @@ def _within_pins(
     assert core.capacity is not None
     dense = np.stack([dense_step(core.benefits.step(k)) for k in range(core.T)])
     dense[0] = pinned(dense[0], fixed, core.capacity[0])
+    set_on = np.flatnonzero((fixed != FREE) & (fixed != window.idle_place))
+    # What earns nothing would not be looked at where agents may idle; whatever it earns here, there is no choice.
+    dense[0][set_on, fixed[set_on]] = np.where(
+        dense[0][set_on, fixed[set_on]] > 0, dense[0][set_on, fixed[set_on]], 1.0
+    )
     only = replace_benefits(window, Benefits(dense))
     own = Course(only, settings.change_cost, course.goes_on == 0)
     known = _carried(settings, standing, only, standing.step)

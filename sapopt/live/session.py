@@ -24,7 +24,9 @@ from sapopt.live.names import Name, checked_name, checked_names
 from sapopt.live.saving import loaded, saved
 from sapopt.live.warming import run_warm
 from sapopt.live.window import DynamicsOf, Settings, Standing
+from sapopt.problem.limit import Team
 from sapopt.running.outlook import Policy
+from sapopt.solvers.base import Extended
 
 log = logging.getLogger(__name__)
 
@@ -125,6 +127,7 @@ class Session:
             policy, dynamics, bool(idle), _checked_capacity(capacity), session_limits(limits), int(announce),
             _number(change_cost, "change_cost"), _checked_holding(holding), bool(prove), int(seed),
         )  # fmt: skip
+        _check_taken(self._settings)
         self._standing = Standing()
         self._lock = threading.Lock()
         self._clockwork: dict[str, Any] = {}
@@ -310,6 +313,19 @@ class Session:
         out._settings, out._standing = settings, standing
         out._lock, out._clockwork = threading.Lock(), {}
         return out
+
+
+def _check_taken(settings: Settings) -> None:
+    """Refuse what the policy does not take."""
+    teams = [limit for limit in settings.limits if isinstance(limit, Team)]
+    asked = {"capacity": settings.capacity != 1, "idle": settings.idle, "teams": bool(teams),
+             "limits": len(settings.limits) > len(teams)}  # fmt: skip
+    takes = settings.policy.takes if isinstance(settings.policy, Extended) else frozenset()
+    lacking = [name for name, is_asked in asked.items() if is_asked and name not in takes]
+    if lacking:
+        raise ValueError(
+            f"policy: {settings.policy.name} does not take {' and '.join(lacking)}; DualLookahead does"
+        )
 
 
 def _number(value: Any, name: str) -> float:

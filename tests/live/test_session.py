@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from session_windows import RULES, as_plan, benefits_of, earned, played
 
 from sapopt import SAP, Decision, Limit, Session, SwitchingCost, solve
+from sapopt.domains.tiny import tiny_problems
 from sapopt.dynamics import Battery, SlewCost, SyntheticSwitching
 from sapopt.live.decision import Outcome
 from sapopt.solvers import (
+    CBBA,
     HAA,
     HAAL,
     AssignmentPolicy,
@@ -32,6 +34,30 @@ POLICIES: list[tuple[Any, int]] = [
     (DualLookahead(3), 3), (HAAL(3), 3), (HAAL(3, keep_plan=True), 3), (HAA(), 1), (Greedy(), 1), (MyopicGreedy(), 1),
     (NoHandover(), 1), (AssignmentPolicy(myopic), 1),
 ]  # fmt: skip
+
+PROBLEMS = list(tiny_problems())
+
+
+@pytest.mark.parametrize(("name", "problem"), PROBLEMS, ids=[name for name, _ in PROBLEMS])
+def test_takes_every_dynamics(name: str, problem: SAP) -> None:
+    """Every built-in dynamics is played as `solve` plays it, states of agents, of copies or of all together."""
+    policy = DualLookahead(2) if problem.model.is_agent_local else HAAL(2)
+    held = (
+        None if problem.initial_assignment is None else dict(enumerate(problem.initial_assignment.tolist()))
+    )
+
+    def dynamics(step: int, agents: Any, tasks: Any) -> Any:
+        rule = problem.dynamics
+        if isinstance(rule, SlewCost):  # the only one whose parameters are by time
+            return SlewCost(rule.cost, rule.satellites_km[step : step + 2], rule.targets_km)
+        return rule
+
+    session = Session(policy, dynamics, holding=held)
+    decisions = played(session, problem.benefits.dense(), 2)
+    assert np.array_equal(as_plan(decisions), solve(problem, policy).plan)
+    gained, value = earned(problem, decisions)
+    assert gained == pytest.approx(value, abs=1e-9)
+    assert (decisions[0].bound is not None) == problem.model.is_agent_local
 
 
 @pytest.mark.parametrize("idle", [False, True])
@@ -200,6 +226,15 @@ def test_announced_steps_can_be_frozen() -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"idle": True}, {"capacity": 2}])
+def test_frozen_on_a_task_that_earns_nothing(options: dict[str, Any]) -> None:
+    """A task that is worth nothing to its agent can be frozen like any other."""
+    benefits = np.ones((2, 2, 3)) * [[1.0, 1.0, 0.0], [1.0, 0.5, 0.0]]
+    decision = Session(DualLookahead(2), 0.1, **options).step(benefits, frozen={0: 2})
+    assert decision.assignment == {0: 2, 1: 0}
+    assert decision.gained == 1.0
+
+
+@pytest.mark.parametrize("options", [{}, {"idle": True}, {"capacity": 2}])
 def test_frozen_by_name(options: dict[str, Any]) -> None:
     """Agents that are named take their tasks, the policy decides on the others, and nobody takes what is frozen."""
     benefits = benefits_of(5, (3, 3, 4)) + 0.1
@@ -300,6 +335,7 @@ BAD_SESSIONS: list[tuple[dict[str, Any], str]] = [
     ({"limits": [Limit.visits("x")]}, "takes once, work, handovers and cover"),
     ({"limits": [Limit.work("a", at_least=2)]}, "at_least needs a last step"),
     ({"limits": [Limit.cover("x", 1, steps=[0])]}, "steps have no meaning"),
+    ({"policy": CBBA(2), "idle": True}, "does not take idle"),
 ]
 
 

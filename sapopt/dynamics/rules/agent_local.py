@@ -109,7 +109,10 @@ class AgentLocal(Model):
         return LocalStates(k + 1, self._move(k, state, assignment)[1])
 
     def agent_columns(self, state: LocalStates) -> AgentColumns | None:
-        """The agents' numbers, as they are: a rule whose numbers stand for tasks has to say which."""
+        """The agents' numbers, as they are: a rule whose numbers hold tasks or times has to take them apart.
+
+        In a `sapopt.Session` steps count from the window's first one on, for `rule` as well.
+        """
         return AgentColumns({}, {"local": state.local})
 
     def of_columns(self, columns: AgentColumns) -> LocalStates:
