@@ -21,7 +21,7 @@ from sapopt.solvers import HAA, DualLookahead
 @given(st.integers(0, 10**6), st.sampled_from(sorted(RULES)), st.sampled_from([0.0, 1e-9, 1e-3, 5e-3, 10.0]))
 def test_never_worse_than_the_best_of_the_step(seed: int, rule: str, budget: float) -> None:
     """Whatever the budget, a decision that it cut short is worth at least HAA's plan of the window; bounds hold."""
-    session = Session(DualLookahead(3), RULES[rule]())
+    session = Session(DualLookahead(3, iterations=10), RULES[rule]())
     for k in range(4):
         window = benefits_of(seed + k, (3, 3, 5))
         twin = Session(HAA(), RULES[rule]())

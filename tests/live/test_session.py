@@ -90,7 +90,7 @@ def test_order_and_names_change_nothing(seed: int, rule: str, sparse: bool) -> N
     """A session whose ids come in another order, and one whose ids are called otherwise, decide the same."""
     rng = np.random.default_rng(seed)
     n, m = 3, 5
-    plain, mixed, renamed = (Session(DualLookahead(2), RULES[rule]()) for _ in range(3))
+    plain, mixed, renamed = (Session(DualLookahead(2, iterations=5), RULES[rule]()) for _ in range(3))
     agents, tasks = list(range(n)), list(range(m))
     for k in range(4):
         if k:  # a task goes and another comes, an agent fails or comes back
