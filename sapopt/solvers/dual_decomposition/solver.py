@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import count
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +22,7 @@ from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.running.outlook import rollout
 from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
+from sapopt.solvers.dual_decomposition.exchanges import Exchanges
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
@@ -46,6 +49,24 @@ _EXERCISE = 40
 _QUIET = 6
 """Rounds without a better plan after which the search ends, if the prices have settled as well."""
 
+_ROUNDS = 18
+"""Rounds where neither a number nor a time limit is given."""
+
+_PAYING = 0.5
+"""Share of the gap that rounds must be on the way to close in the time left, for nothing else to be tried."""
+
+_PAYING_TURN = 0.1
+"""The same for a single round, where there is no time limit."""
+
+_FORGETTING = 0.25
+"""What is left of a way's promise when it has found nothing."""
+
+_MOST_FAILURES = 9
+"""Exchanges without a better plan, each twice as long as the last, after which no more are tried."""
+
+_LEAST_CELLS = 300
+"""Agents times steps below which networks and sweeps say all there is to say."""
+
 _NETWORK_SIZES = (1e-4, 1e30)
 """Largest benefits for which plans are made over the network; for others the oracles make them."""
 
@@ -58,14 +79,16 @@ class DualDecomposition:
     rolling assignment that values the future by the prices, and from sweeps in which one agent after another takes its
     best priced path. With a `SwitchingCost`, windows of the best plan are then solved exactly, as network flows over
     the cells of small reduced cost; with other agent-local dynamics (those with a `path_oracle` or `local_model`) the
-    sweeps go on.
+    sweeps go on. Where these no longer pay, agents exchange segments of their paths by simulated annealing (under a
+    `SwitchingCost` or a `SyntheticSwitching`), and the time goes to what has gained most lately.
 
     Parameters
     ----------
     iterations : int
         Most dual iterations.
-    rounds : int
-        Most rounds of windows (or of further sweeps).
+    rounds : int, optional
+        Most rounds of windows, exchanges or further sweeps. By default 18 where there is no time limit; where there is
+        one, the search goes on until the time is over or nothing is found any more.
     sweeps : int
         Priced path sweeps of a round (none where every task is always taken).
     repricing : int
@@ -84,7 +107,7 @@ class DualDecomposition:
     """
 
     iterations: int = 2000
-    rounds: int = 18
+    rounds: int | None = None
     sweeps: int = 60
     repricing: int = 30
     tolerance: float = 1e-5
@@ -98,7 +121,7 @@ class DualDecomposition:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)!r}")
         for name in ("rounds", "sweeps", "repricing", "tolerance"):
-            if not getattr(self, name) >= 0:
+            if getattr(self, name) is not None and not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
 
     @property
@@ -132,9 +155,14 @@ class DualDecomposition:
     def exercise(self, problem: SAP, run: Run) -> None:
         """Do once all that a long run may come to, proven or not: on a small problem that compiles every kernel."""
         once = replace(self, sweeps=1, rounds=1, iterations=min(self.iterations, _EXERCISE))
-        for _ in once._begin(problem, run).steps():
+        search = once._begin(problem, run)
+        search.exercised = True
+        for _ in search.steps():
             if run.expired:
-                break
+                return
+        for _ in search.rounds_of_exchanges():
+            if run.expired:
+                return
 
     def _begin(self, problem: SAP, run: Run) -> _Search:
         largest = max(largest_benefits(problem))
@@ -187,6 +215,12 @@ class _Search:
     iterations: int = 0
     ascent_seconds: float = 0.0
     trace: list[dict[str, Any]] = field(default_factory=list)
+    rates: dict[bool, float] = field(default_factory=lambda: {False: math.inf, True: math.inf})
+    """Gain for every second of the last rounds, without and with exchanges."""
+    last_gain: float = math.inf
+    was_exchange: bool = False
+    exercised: bool = False
+    """Whether every stage is to be called once, needed or not."""
 
     def __post_init__(self) -> None:
         self.value = self.problem.evaluate(self.best).value
@@ -239,32 +273,87 @@ class _Search:
         if self.builder.lives_on_prices:
             yield from self.rounds_of_prices()
             yield from self.offered(path_sweeps(self, self.builder))
+            yield from self.rounds_of_exchanges()
         else:
             yield from self.offered(path_sweeps(self, self.builder))
             yield from self.rounds_of_plans()
 
     def rounds_of_plans(self) -> Iterator[None]:
-        """Improve the best plan, and the prices beside, until neither gets better."""
-        quiet = 0
-        for turn in range(self.options.rounds):
+        """Improve the best plan by what pays, and the prices beside, until neither gets better."""
+        quiet = windows = 0
+        for _ in self.turns():
             began, before = self.run.seconds, self.value
-            yield from self.offered(self.builder.improve(self, turn))
+            exchanges = self.exchanges_pay()
+            if exchanges is None:
+                yield from self.offered(self.builder.improve(self, windows))
+                windows += 1
+            else:
+                yield from self.offered(exchanges.improve(self))
+            self.learn(exchanges is not None, self.value - before, self.run.seconds - began)
             if not self.settled:
                 self.ascend(_DUAL_REST * (self.run.seconds - began))
                 yield
             quiet = quiet + 1 if self.value <= before + 1e-6 * abs(before) else 0
-            if quiet >= _QUIET and self.settled:
+            tired = exchanges is None or self.run.time_limit is None or exchanges.quiet >= _MOST_FAILURES
+            if quiet >= _QUIET and self.settled and tired:
                 break
 
     def rounds_of_prices(self) -> Iterator[None]:
         """Improve the prices and plan again, until that gains next to nothing."""
-        for turn in range(self.options.rounds):
+        for turn in self.turns():
             value, bound = self.value, self.bound
             self.ascend(_DUAL_REST * self.seconds_left)
             yield
             yield from self.offered(self.builder.improve(self, turn))
             if self.bound - self.value > (1.0 - _LEAST_GAIN) * (bound - value):
                 break
+
+    def rounds_of_exchanges(self) -> Iterator[None]:
+        """Exchanges and the prices by turns, where there is time for more than planning anew."""
+        exchanges = self.exchanges
+        for _ in self.turns():
+            if exchanges is None or exchanges.quiet >= _MOST_FAILURES:
+                break
+            began = self.run.seconds
+            yield from self.offered(exchanges.improve(self))
+            if not self.settled:
+                self.ascend(_DUAL_REST * (self.run.seconds - began))
+                yield
+
+    def turns(self) -> Iterator[int]:
+        """Numbers of rounds, as many as the options or the clock allow."""
+        most = self.options.rounds
+        if most is None and self.run.time_limit is None:
+            most = _ROUNDS
+        return iter(count() if most is None else range(most))
+
+    @cached_property
+    def exchanges(self) -> Exchanges | None:
+        """The exchanges of the run; None where the rule does not allow for them or the problem is too small."""
+        if self.problem.T * self.problem.n < _LEAST_CELLS and not self.exercised:
+            return None
+        return Exchanges.of(self.problem, self.options.threads)
+
+    def exchanges_pay(self) -> Exchanges | None:
+        """The exchanges, if it is their turn: where the other rounds do not pay, or pay less."""
+        left = self.bound - self.value
+        if self.run.time_limit is None:
+            # Nothing may depend on the clock: by turns from the first poor round on.
+            poor = self.last_gain < _PAYING_TURN * left
+            return self.exchanges if poor and not self.was_exchange else None
+        if self.rates[False] * self.seconds_left > _PAYING * left or self.exchanges is None:
+            return None
+        if self.exchanges.quiet >= _MOST_FAILURES:
+            return None
+        return self.exchanges if self.rates[True] >= self.rates[False] else None
+
+    def learn(self, was_exchange: bool, gain: float, seconds: float) -> None:
+        """Remember what a round gained, by itself and for every second."""
+        self.was_exchange, self.last_gain = was_exchange, gain
+        rate = gain / max(seconds, 1e-3)
+        before = self.rates[was_exchange]
+        floor = 0.0 if math.isinf(before) else _FORGETTING * before
+        self.rates[was_exchange] = max(rate, floor)
 
     def offered(self, found: Iterator[Found]) -> Iterator[None]:
         """Score plans as they come."""
