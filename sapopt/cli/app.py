@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 import sapopt
+from sapopt.problem.sap import SAP
 
 log = logging.getLogger(__name__)
 
@@ -106,7 +107,9 @@ RangeKm = Annotated[
         help="Satellites closer than this hear each other in distributed solvers; 2500 if omitted, inf for all.",
     ),
 ]
-Agent = Annotated[int, typer.Option(min=0, help="The agent whose benefit history is drawn.")]
+Agent = Annotated[
+    str, typer.Option(help="The agent whose benefit history is drawn, by name or number (from 0).")
+]
 
 
 def _version(wanted: bool) -> None:
@@ -163,7 +166,11 @@ def check_time(time_limit: float | None) -> None:
         raise ValueError(f"--time-limit must be a positive number of seconds, got {time_limit}")
 
 
-def check_agent(agent: int, n: int) -> None:
-    """Refuse an agent that the problem does not have."""
-    if agent >= n:
-        raise ValueError(f"--agent must lie in 0..{n - 1}, got {agent}")
+def agent_number(agent: str, problem: SAP) -> int:
+    """The agent that a name or number means; a ValueError if the problem does not have it."""
+    if problem.agents is not None and agent in problem.agents:
+        return problem.agents.index(agent)
+    if agent.isdecimal() and int(agent) < problem.n:
+        return int(agent)
+    named = "" if problem.agents is None else f", or be a name such as {problem.agents[0]!r}"
+    raise ValueError(f"--agent must lie in 0..{problem.n - 1}{named}, got {agent}")

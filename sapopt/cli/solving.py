@@ -20,8 +20,8 @@ from sapopt.cli.app import (
     RangeKm,
     Seed,
     TimeLimit,
+    agent_number,
     app,
-    check_agent,
     check_time,
 )
 from sapopt.cli.output import Output
@@ -46,7 +46,7 @@ def compare(
     cost: Cost = None,
     time_limit: TimeLimit = 40.0,
     range_km: RangeKm = None,
-    agent: Agent = 0,
+    agent: Agent = "0",
     as_json: AsJson = False,
     out: Out = None,
     force: Force = False,
@@ -59,7 +59,7 @@ def compare(
     output = Output(out, ["compare.json", "compare.npz", "prices.npz", "compare.png", "history.png"], force)
     with Reporter() as reporter:
         name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
-        check_agent(agent, problem.n)
+        drawn = agent_number(agent, problem)
         chosen = links.connect(chosen, scenario, range_km, reporter)
         run = work.compare(problem, chosen, seed, time_limit, reporter)
         records = {key: show.result_record(result, run.bound) for key, result in run.results.items()}
@@ -86,7 +86,7 @@ def compare(
                 if run.prices is not None:
                     prices = run.prices
                     output.npz("prices.npz", lambda path: write_arrays(path, {"prices": prices}))
-                show.compare_figures(output, problem, run.results, run.bound, agent)
+                show.compare_figures(output, problem, run.results, run.bound, drawn)
     if as_json:
         show.print_json(report)
     else:
@@ -117,7 +117,7 @@ def solve(
             "--bound/--no-bound", help="Also prove a bound if the solver does not, in 40 s or --time-limit."
         ),
     ] = True,
-    agent: Agent = 0,
+    agent: Agent = "0",
     as_json: AsJson = False,
     out: Out = None,
     force: Force = False,
@@ -130,7 +130,7 @@ def solve(
     output = Output(out, ["solve.json", "solve.npz", "history.png", "timeline.png", "gap.png"], force)
     with Reporter() as reporter:
         name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
-        check_agent(agent, problem.n)
+        drawn = agent_number(agent, problem)
         (named,) = links.connect([named], scenario, range_km, reporter)
         work.warm_up(problem, [named], reporter)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
@@ -149,7 +149,7 @@ def solve(
             with reporter.phase(f"writing {out}"):
                 output.json("solve.json", report | {"trace": result.trace})
                 output.npz("solve.npz", result.save)
-                show.solve_figures(output, problem, named.name, result, agent)
+                show.solve_figures(output, problem, named.name, result, drawn)
     if as_json:
         show.print_json(report | {"plan": result.plan})
     else:

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from sapopt.data.naming import Naming
+
 
 class InfeasibleError(ValueError):
     """No full assignment exists; the message names the agents that are short of tasks."""
 
 
-def explain_infeasible(allowed: Any) -> str:
-    """Say which agents are short of tasks, given the ``(n, m)`` mask (array or CSR) of allowed pairs."""
+def explain_infeasible(allowed: Any, naming: Naming | None = None) -> str:
+    """Say which agents are short of tasks, given the mask (n, m) of allowed pairs, an array or CSR, and their names."""
     from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
 
     graph = sp.csr_array(allowed)
@@ -30,5 +32,7 @@ def explain_infeasible(allowed: Any) -> str:
     onward = sp.csr_array((step.data, owner[owner >= 0][step.indices], step.indptr), shape=(n, n))
     agents = np.sort(breadth_first_order(onward, int(unmatched[0]), return_predecessors=False))
     share = len(np.unique(sp.csr_array(graph[agents]).indices))
-    names = ", ".join(map(str, agents[:8])) + (", ..." if len(agents) > 8 else "")
-    return f"no full assignment exists: agents {names} ({len(agents)} in all) are allowed only {share} tasks together"
+    names = (naming or Naming()).several(agents)
+    return (
+        f"no full assignment exists: {names} ({len(agents)} in all) are allowed only {share} tasks together"
+    )

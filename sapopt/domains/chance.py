@@ -70,7 +70,10 @@ class Failures:
                 steps.append(sp.csr_array((data, benefit.indices, benefit.indptr), shape=benefit.shape))
             failed = failed | self._strikes(problem.n, step_generator(seed, k))
         dense = all(isinstance(step, np.ndarray) for step in steps)
-        return SAP(np.array(steps) if dense else steps, problem.dynamics, problem.initial_assignment)
+        return SAP(
+            np.array(steps) if dense else steps, problem.dynamics, problem.initial_assignment,
+            agents=problem.agents, tasks=problem.tasks, times=problem.times,
+        )  # fmt: skip
 
     def _strikes(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return rng.random(n) < self.probability

@@ -81,7 +81,7 @@ def benefit_history(
     ax.set_xlim(0, max(problem.T - 1, 1))
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     ax.set_xlabel("step")
-    ax.set_ylabel(f"benefit of the task of agent {agent}")
+    ax.set_ylabel(f"benefit of the task of {problem.naming.agent(agent)}")
     ax.grid(axis="y", color=GRID, zorder=0)
     ax.set_axisbelow(True)
     ax.legend(
@@ -147,7 +147,7 @@ def timeline(
     strokes = np.stack([np.stack([x, row - 0.42], axis=1), np.stack([x, row + 0.42], axis=1)], axis=1)
     ax.add_collection(LineCollection(list(strokes), colors=BOUND, linewidths=1.1))
     ax.hlines(np.arange(len(rows) - 1) + 0.5, -0.5, problem.T - 0.5, color="white", lw=1.0)
-    ax.set_yticks(*few_ticks(rows))
+    ax.set_yticks(*few_ticks(rows, problem.agents))
     ax.set_xlabel("step")
     ax.set_ylabel("agent")
     ax.set_title(

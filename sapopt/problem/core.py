@@ -28,7 +28,9 @@ def made_core(problem: Any) -> Any:
     """
     core = copy.copy(problem)
     idle = int(problem.idle)
-    core.m, core.idle, core.tasks, core.core = problem.m + idle, False, None, core
+    core.m, core.idle, core.core = problem.m + idle, False, core
+    if problem.tasks is not None and idle:
+        core.tasks = (*problem.tasks, "nothing")
     ones = np.ones((problem.T, problem.m), dtype=np.int64)
     room = ones if problem.capacity is None else np.maximum(problem.capacity, 1)
     core.capacity = np.hstack([room, np.full((problem.T, idle), problem.n)])

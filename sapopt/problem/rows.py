@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sapopt.data.naming import Naming
 from sapopt.data.types import FloatArray, IntArray
 
 
@@ -190,7 +191,7 @@ class Rows:
         held = np.bincount(flat, minlength=T * places)
         return np.where(held[self.team_cell] >= self.team_needs, self.team_reward, 0.0)
 
-    def broken(self, plan: IntArray, initial: IntArray | None, use: FloatArray) -> str:
+    def broken(self, plan: IntArray, initial: IntArray | None, use: FloatArray, naming: Naming) -> str:
         """Which hard limit a plan breaks, with steps and agents; empty if none."""
         bad = np.flatnonzero((self.violation(use) > 0) & np.isinf(self.penalty))
         if not len(bad):
@@ -202,7 +203,7 @@ class Rows:
             np.concatenate([cell[row == r] for row, _, cell in self.terms(plan, initial)] or [[]])
         )
         pairs = [divmod(int(cell) // places, n) for cell in where]
-        shown = ", ".join(f"agent {i} at step {k}" for k, i in pairs[:6]) + (
+        shown = ", ".join(f"{naming.agent(i)} at {naming.step(k)}" for k, i in pairs[:6]) + (
             ", ..." if len(pairs) > 6 else ""
         )
         return (

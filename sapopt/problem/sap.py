@@ -15,6 +15,7 @@ import numpy as np
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.feasibility import explain_infeasible
 from sapopt.data.files import Entry, read_npz, write_npz
+from sapopt.data.naming import Naming
 from sapopt.data.times import checked_times, described_times, rebuilt_times
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
@@ -121,10 +122,10 @@ class SAP:
         if isinstance(dynamics, numbers.Real):
             dynamics = SwitchingCost(float(dynamics))
         self.dynamics = cast(Dynamics, dynamics)  # `adapt` checks that it is one
-        self.initial_assignment = self._checked_initial(initial_assignment)
         self.agents = _labels(agents, self.n, "agents")
         self.tasks = _labels(tasks, self.m, "tasks")
         self.times = checked_times(times, self.T)
+        self.initial_assignment = self._checked_initial(initial_assignment)
         self.limits = checked_limits(limits)
         self.rows: Rows = self._rows()
         self.core: SAP = self if self.is_plain else cast(SAP, made_core(self))
@@ -298,9 +299,15 @@ class SAP:
         if len(forbidden):
             k, i = (int(x) for x in forbidden[0])
             raise ValueError(
-                f"plan: agent {i} may not take task {plan[k, i]} at step {k} (the pair is forbidden)"
+                f"plan: {self.naming.agent(i)} may not take {self.naming.task(plan[k, i])} at {self.naming.step(k)} "
+                "(the pair is forbidden)"
             )
         return held, eta
+
+    @property
+    def naming(self) -> Naming:
+        """What messages call agents, tasks and steps."""
+        return Naming(self.agents, self.tasks, self.times)
 
     def agent_label(self, i: int) -> str | int:
         """What agent i is called; its number if it has no name."""
@@ -320,7 +327,7 @@ class SAP:
         """A score with what limits and teams add to it, or a ValueError where a hard limit is broken."""
         rows, initial = self.rows, self.core.initial_assignment
         use = rows.use(places, initial)
-        broken = rows.broken(places, initial, use)
+        broken = rows.broken(places, initial, use, self.naming)
         if broken:
             raise ValueError(f"plan: {broken}")
         cost, earned = rows.cost(use), rows.earned(places)
@@ -350,7 +357,8 @@ class SAP:
             k, i = (int(x) for x in np.argwhere((tasks < lowest) | (tasks >= self.m))[0])
             hint = "; -1, for holding nothing, needs a problem with idle=True" if tasks[k, i] == -1 else ""
             raise ValueError(
-                f"plan: task {tasks[k, i]} of agent {i} at step {first + k} is outside {lowest}..{self.m - 1}{hint}"
+                f"plan: task {tasks[k, i]} of {self.naming.agent(i)} at {self.naming.step(first + k)} is outside "
+                f"{lowest}..{self.m - 1}{hint}"
             )
         if self.capacity is not None or self.idle:
             self._check_capacity(tasks, first)
@@ -360,8 +368,7 @@ class SAP:
         if len(twice):
             k = int(twice[0, 0])
             task = int(ordered[k, twice[0, 1]])
-            agents = ", ".join(map(str, np.flatnonzero(tasks[k] == task)))
-            raise ValueError(f"plan: task {task} is given to agents {agents} at step {first + k}")
+            raise ValueError(f"plan: {self._given(task, tasks[k], first + k)}")
 
     def _check_capacity(self, tasks: IntArray, first: int) -> None:
         room = self.capacity
@@ -370,12 +377,14 @@ class SAP:
         over = overfull(tasks, room[first : first + len(tasks)])
         if over is not None:
             k, j = over
-            agents = ", ".join(map(str, np.flatnonzero(tasks[k] == j)))
-            if room[first + k, j] == 1:
-                raise ValueError(f"plan: task {j} is given to agents {agents} at step {first + k}")
-            raise ValueError(
-                f"plan: task {j} is given to agents {agents} at step {first + k}; its capacity is {room[first + k, j]}"
-            )
+            most = room[first + k, j]
+            more = "" if most == 1 else f"; its capacity is {most}"
+            raise ValueError(f"plan: {self._given(j, tasks[k], first + k)}{more}")
+
+    def _given(self, task: int, held: IntArray, k: int) -> str:
+        """Who holds a task at a step, in words."""
+        who = self.naming.several(np.flatnonzero(held == task))
+        return f"{self.naming.task(task)} is given to {who} at {self.naming.step(k)}"
 
     @cached_property
     def fingerprint(self) -> str:
@@ -491,10 +500,10 @@ class SAP:
         room = np.ones(self.m, dtype=np.int64) if self.capacity is None else self.capacity.max(axis=0)
         over = np.flatnonzero(counts > room[values])
         if len(over):
-            task, most = values[over[0]], room[values[over[0]]]
+            task_name, most = self.naming.task(values[over[0]]), room[values[over[0]]]
             raise ValueError(
-                f"initial_assignment gives task {task} to two agents" if most == 1 else
-                f"initial_assignment gives task {task} to {counts[over[0]]} agents, its capacity is {most}"
+                f"initial_assignment gives {task_name} to two agents" if most == 1 else
+                f"initial_assignment gives {task_name} to {counts[over[0]]} agents, its capacity is {most}"
             )  # fmt: skip
         return tasks
 
@@ -518,9 +527,11 @@ class SAP:
                 allowed = ~np.isneginf(dense_step(self.benefits.step(k)))
                 if self.capacity is not None:
                     allowed = np.repeat(allowed, np.minimum(self.capacity[k], self.n), axis=1)
-                reason = explain_infeasible(allowed)
+                reason = explain_infeasible(allowed, self.naming)
                 if reason:
-                    raise ValueError(f"benefits at step {k}: {reason}; allow more pairs or append idle tasks")
+                    raise ValueError(
+                        f"benefits at {self.naming.step(k)}: {reason}; allow more pairs or append idle tasks"
+                    )
 
 
 def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, ...] | None:

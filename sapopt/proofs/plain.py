@@ -189,8 +189,9 @@ def check_local_model(problem: SAP, plan: IntArray) -> None:
             told, true = float(handover[local[i], plan[k, i]]), float(eta[i, plan[k, i]])
             if not math.isclose(told, true, rel_tol=1e-9, abs_tol=1e-12 * size):
                 raise ValueError(
-                    f"dynamics: {type(problem.dynamics).__name__} contradicts itself: for agent {i} on task "
-                    f"{plan[k, i]} at step {k} its local_model has a handover of {told:g}, its handover matrix {true:g}"
+                    f"dynamics: {type(problem.dynamics).__name__} contradicts itself: for "
+                    f"{problem.naming.agent(i)} on {problem.naming.task(plan[k, i])} at step {k} "
+                    f"its local_model has a handover of {told:g}, its handover matrix {true:g}"
                 )
             local[i] = int(successor[local[i], plan[k, i]])
         state = problem.transition(k, state, np.asarray(plan[k], dtype=np.int64))

@@ -118,7 +118,8 @@ def limited_value(problem: SAP, plan: Any) -> float:
             room = 1 if problem.capacity is None else problem.capacity[k, j]
             if int((tasks[k] == j).sum()) > room:
                 raise ValueError(
-                    f"the plan gives task {j} to more agents than its capacity {room} at step {k}"
+                    f"the plan gives {problem.naming.task(j)} to more agents than its capacity {room} at "
+                    f"{problem.naming.step(k)}"
                 )
     numbers = _terms(problem, tasks)
     if not np.isfinite(numbers).all():

@@ -151,7 +151,10 @@ def play(problem: SAP, decide: Policy | IntArray, chance: Chance | None = None, 
         rewards[k] = held + problem.model.handover_at(k, state, plan[k])
         if not np.isfinite(rewards[k]).all():
             i = int(np.flatnonzero(~np.isfinite(rewards[k]))[0])
-            raise ValueError(f"agent {i} may not take task {plan[k, i]} at step {k} (the pair is forbidden)")
+            names = problem.naming
+            raise ValueError(
+                f"{names.agent(i)} may not take {names.task(plan[k, i])} at {names.step(k)} (the pair is forbidden)"
+            )
         state = follow(problem, chance, seed, k, state, plan[k])
     return Played(plan, rewards)
 

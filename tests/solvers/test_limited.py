@@ -135,7 +135,7 @@ def test_why_not_of_a_plain_problem() -> None:
     assert 1.5 <= told.bound <= told.value
     assert told.holders == (0,)
     assert told.is_settled
-    assert "held by agent 0" in str(told)
+    assert "held by agent 'a'" in str(told)
     assert (
         str(why_not(problem, solve(problem, Exact()), "a", 0, 0))
         == "The plan has agent 0 on task 0 at step 0."

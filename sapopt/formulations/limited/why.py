@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from sapopt.data.naming import Naming
 from sapopt.data.types import IntArray
 from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.limited.ascent import Ascent
@@ -36,6 +37,8 @@ class Explanation:
         Task that the agent holds there in the plan; -1 for nothing.
     limits : tuple of str
         Limits with a price that the pair would use up.
+    naming : Naming
+        What the text calls agents, tasks and steps.
     """
 
     agent: int
@@ -46,6 +49,7 @@ class Explanation:
     holders: tuple[int, ...]
     held: int
     limits: tuple[str, ...]
+    naming: Naming = field(default_factory=Naming)
 
     @property
     def is_settled(self) -> bool:
@@ -53,14 +57,16 @@ class Explanation:
         return self.bound <= self.value
 
     def __str__(self) -> str:
-        pair = f"agent {self.agent} on task {self.task} at step {self.step}"
+        names = self.naming
+        pair = f"{names.agent(self.agent)} on {names.task(self.task)} at {names.step(self.step)}"
         if self.held == self.task:
             return f"The plan has {pair}."
         if self.bound == -math.inf:
             return f"No plan has {pair}."
         said = f"Any plan with {pair} is worth at most {self.bound:.6g}; yours is worth {self.value:.6g}."
         if self.holders:
-            said += f" The task is held by agent {', '.join(map(str, self.holders))}."
+            who = names.agent(self.holders[0]) if len(self.holders) == 1 else names.several(self.holders)
+            said += f" The task is held by {who}."
         if self.limits:
             said += f" In its way: {', '.join(self.limits)}."
         return said
@@ -128,7 +134,7 @@ def why_not(
         touched = (abs(graph.weights[:, arcs]).sum(axis=1) > 0) & (dual.prices.limits != 0)
     names = tuple(core.rows.names[r] for r in np.flatnonzero(touched))
     others = tuple(int(a) for a in holders if a != i)
-    return Explanation(i, j, k, float(proven), value, others, int(plan[k, i]), names)
+    return Explanation(i, j, k, float(proven), value, others, int(plan[k, i]), names, problem.naming)
 
 
 def _one(value: int | str, count: int, labels: tuple[str, ...] | None, name: str) -> int:

@@ -15,7 +15,15 @@ from sapopt.dynamics.paths.oracles import path_oracle
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.formulations.bounds import largest_benefits
 from sapopt.formulations.dual import ascend
-from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_agents, counts, ranks, repeated
+from sapopt.formulations.synthetic.copies import (
+    Forecast,
+    check_decay,
+    copied_agents,
+    copied_labels,
+    counts,
+    ranks,
+    repeated,
+)
 from sapopt.formulations.synthetic.repeated import RepeatedPaths
 from sapopt.problem.result import Evaluation
 from sapopt.problem.sap import SAP
@@ -234,7 +242,8 @@ class SyntheticAgents:
         if (missing < 0).any():
             i = int(np.argmin(missing))
             raise ValueError(
-                f"owners: agent {i} has {self.copies[i] - missing[i]} tasks at step {k} and {self.copies[i]} copies"
+                f"owners: {self.base.naming.agent(i)} has {self.copies[i] - missing[i]} tasks at "
+                f"{self.base.naming.step(k)} and {self.copies[i]} copies"
             )
         if not missing.any():
             return owner
@@ -310,6 +319,9 @@ def synthetic_agents(
         copied_agents(problem.benefits, count, decay, extra),
         SyntheticSwitching(rule.uniform_cost, agent_of=owner, idle_is_free=rule.idle_is_free),
         initial,
+        agents=copied_labels(problem.agents, count),
+        tasks=None if problem.tasks is None else [*problem.tasks, *(f"idle {i}" for i in range(extra))],
+        times=problem.times,
     )
     return SyntheticAgents(problem, copied, count, float(decay))
 

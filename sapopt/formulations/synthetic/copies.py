@@ -28,6 +28,17 @@ def counts(copies: Any, count: int, what: str) -> IntArray:
     return np.broadcast_to(number, (count,)).copy()
 
 
+def copied_labels(labels: tuple[str, ...] | None, copies: IntArray) -> list[str] | None:
+    """Names of the copies: that of the original, with ``#1``, ``#2``, ... where there are several; None without."""
+    if labels is None:
+        return None
+    return [
+        f"{label} #{rank + 1}" if count > 1 else label
+        for label, count in zip(labels, copies.tolist(), strict=True)
+        for rank in range(count)
+    ]
+
+
 def check_decay(decay: float) -> None:
     """Raise a ValueError unless the decay is above 0 and at most 1."""
     if not 0 < decay <= 1:

@@ -10,7 +10,7 @@ import numpy as np
 from sapopt.data.benefits import Benefits
 from sapopt.data.types import IntArray, index_array
 from sapopt.dynamics.copies.model import SyntheticSwitching
-from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_tasks, counts
+from sapopt.formulations.synthetic.copies import Forecast, check_decay, copied_labels, copied_tasks, counts
 from sapopt.problem.result import Evaluation
 from sapopt.problem.sap import SAP
 
@@ -84,7 +84,8 @@ class SyntheticTasks:
             if (count > self.copies).any():
                 j = int(np.argmax(count - self.copies))
                 raise ValueError(
-                    f"tasks: {count[j]} agents are on task {j} at step {k}; it takes {self.copies[j]}"
+                    f"tasks: {count[j]} agents are on {self.base.naming.task(j)} at {self.base.naming.step(k)}; it "
+                    f"takes {self.copies[j]}"
                 )
             moved = np.zeros(len(row), dtype=bool) if state is None else state != row
             worth = benefit[k] - np.where(moved, forfeit * np.maximum(benefit[k], 0.0), 0.0)
@@ -143,5 +144,7 @@ def synthetic_tasks(problem: SAP, copies: Any, decay: float = 1.0) -> SyntheticT
         SyntheticSwitching(task_of=np.repeat(np.arange(problem.m), count), **asdict(rule)),
         None if start is None else first[start],
         agents=problem.agents,
+        tasks=copied_labels(problem.tasks, count),
+        times=problem.times,
     )
     return SyntheticTasks(problem, copied, count, float(decay))

@@ -178,9 +178,10 @@ def fallback(outlook: Outlook, memory: Memory, agreed: np.ndarray) -> IntArray:
         worth = np.array([benefits.at(trial[None])[0, i] for trial in trials])
         worth = worth + np.array([outlook.model.handover_at(k, outlook.state, trial)[i] for trial in trials])
         if not np.isfinite(worth).any():
+            names = outlook.problem.naming
             raise InfeasibleError(
-                f"step {k}: agent {i} may not do task {tasks[i]}, which it holds, nor another that it keeps, and its "
-                "part came to no agreement within max_rounds; raise max_rounds"
+                f"{names.step(k)}: {names.agent(i)} may not do {names.task(tasks[i])}, which it holds, "
+                "nor another that it keeps, and its part came to no agreement within max_rounds; raise max_rounds"
             )
         tasks[i] = kept[int(np.argmax(worth))]
     return tasks

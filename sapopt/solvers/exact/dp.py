@@ -87,7 +87,8 @@ def best_plan(problem: SAP, run: Run | None = None, limit: int = LIMIT) -> IntAr
                     after[key] = (total, following, (rows[r], trail))
         if not after:
             detail = (
-                explain_infeasible(allowed) or "every state that can be reached leaves no full assignment"
+                explain_infeasible(allowed, problem.naming)
+                or "every state that can be reached leaves no full assignment"
             )
             raise InfeasibleError(f"step {k}: {detail}")
         layer = after

@@ -13,6 +13,7 @@ from sapopt.problem.sap import SAP
 def explain(problem: SAP, network: Network) -> str:
     """Name the step at which every plan has failed, and the agents to blame."""
     T, n, m = network.shape
+    names = problem.naming
     reach = network.forward(np.zeros(network.arcs))
     open_arcs = np.isfinite(reach[network.tail]) & (network.slot >= 0)
     allowed = np.zeros((T, n, m), dtype=bool)
@@ -20,10 +21,10 @@ def explain(problem: SAP, network: Network) -> str:
     for k in range(T):
         stuck = np.flatnonzero(~allowed[k].any(axis=1))
         if len(stuck):
-            return f"step {k}: agent {stuck[0]} has no task left, whatever it did before"
-        reason = explain_infeasible(allowed[k])
+            return f"{names.step(k)}: {names.agent(stuck[0])} has no task left, whatever it did before"
+        reason = explain_infeasible(allowed[k], names)
         if reason:
-            return f"step {k}: {reason}"
+            return f"{names.step(k)}: {reason}"
     first, last = 0, T - 1  # the shortest horizon without a plan, by bisection
     while first < last:
         middle = (first + last) // 2
@@ -36,8 +37,8 @@ def explain(problem: SAP, network: Network) -> str:
         rest = agents[agents != i]
         if len(rest) and not _feasible(network, first, rest):
             agents = rest
-    names = ", ".join(map(str, agents))
-    return f"step {first}: no plan brings the agents {names} this far together; allow more pairs or append idle tasks"
+    who = names.several(agents)
+    return f"{names.step(first)}: no plan brings the {who} this far together; allow more pairs or append idle tasks"
 
 
 def _feasible(network: Network, upto: int, agents: np.ndarray) -> bool:
