@@ -138,7 +138,7 @@ def test_why_not_of_a_plain_problem() -> None:
     assert "held by agent 'a'" in str(told)
     assert (
         str(why_not(problem, solve(problem, Exact()), "a", 0, 0))
-        == "The plan has agent 0 on task 0 at step 0."
+        == "The plan has agent 'a' on task 0 at step 0."
     )
     with pytest.raises(ValueError, match="step: 5 is outside"):
         why_not(problem, solve(problem, Exact()), 0, 0, 5)
