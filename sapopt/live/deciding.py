@@ -20,20 +20,12 @@ from sapopt.live.frozen import pins_of
 from sapopt.live.limits import used_after
 from sapopt.live.names import Roster
 from sapopt.live.proving import window_bound
-from sapopt.live.thinking import Thought
+from sapopt.live.thinking import OVERHEAD_S, Pace, Thought, Times
 from sapopt.live.window import Settings, Standing, Window, made_window
 from sapopt.running.outlook import Carrying, Change
 
-_FIRST_REST = 0.25
-"""Share of the budget that is left for what follows the policy, until it is known how long that takes."""
-_MOST_REST = 0.6
-_FORGETTING = 0.8
-"""What is left, from call to call, of a time that was longer than the last."""
 _PROOF = 0.2
 """Share of the time left that an ascent for the bound may take; it gets better the longer it takes."""
-_SAFETY = 1.3
-_OVERHEAD_S = 0.004
-"""Time for waking up, and for the answer itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,23 +35,6 @@ class _Answer:
     places: list[IntArray]
     memory: Any
     is_short: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Times:
-    """When a decision is due, on `time.perf_counter`; `think_until` leaves time for what follows."""
-
-    due: float
-    think_until: float
-
-    def has_time(self) -> bool:
-        """Whether there is time for more than the least."""
-        return time.perf_counter() < self.due - _OVERHEAD_S
-
-    @property
-    def left(self) -> float:
-        """Seconds until the answer is due."""
-        return self.due - _OVERHEAD_S - time.perf_counter()
 
 
 def decided(
@@ -72,18 +47,18 @@ def decided(
     ends: bool,
     began: float,
     budget: float | None,
-    clockwork: dict[str, Any],
+    pace: Pace,
 ) -> tuple[Decision, Standing]:
     """The answer to a call, and what is carried on.
 
     Parameters
     ----------
-    clockwork : dict
-        What is known of the machine's speed, and the thought that may still be going on; changed in place.
+    pace : Pace
+        Changed in place.
     """
     window = made_window(settings, standing, agents, tasks, benefits)
     pins = pins_of(frozen, window, standing)
-    times = _times(began, budget, clockwork)
+    times = pace.times(began, budget)
     course = Course(window, settings.change_cost, ends)
     memory, outcome = None, Outcome.FROZEN
     decided_at = standing.decided
@@ -91,9 +66,7 @@ def decided(
         if (fixed != FREE).all():
             course.play(fixed)
         elif k == 0:
-            places, memory, outcome = _partly_frozen(
-                settings, standing, course, benefits, fixed, times, clockwork
-            )
+            places, memory, outcome = _partly_frozen(settings, standing, course, benefits, fixed, times, pace)
             decided_at = standing.step
             course.play(places)
         else:
@@ -102,7 +75,7 @@ def decided(
     prefix = course.copy()
     if not course.is_whole and len(pins) < settings.announce:
         known = _carried(settings, standing, window, standing.step + len(pins))
-        thought, sure = _thought(settings, course, known, standing.step, times, clockwork)
+        thought, sure = _thought(settings, course, known, standing.step, times, pace)
         chosen, answer, how = _chosen(course, thought, sure, times)
         if answer is not None:
             memory, decided_at = answer.memory, standing.step + len(pins)
@@ -114,26 +87,14 @@ def decided(
         memory, decided_at = _carried(settings, standing, window, standing.decided + 1), standing.decided
     bound, prices = None, None
     if settings.prove and all_frozen and times.has_time():
-        bound, prices = _proven(prefix, memory, standing, times, clockwork, window)
-    if bound is not None:
-        bound = max(bound, course.value)  # whatever rounding does
+        bound, prices = _proven(prefix, memory, standing, times, pace, window)
     decision = Decision(
         window.named(course.plan[0]), tuple(window.named(places) for places in course.plan[: settings.announce]),
         course.value, bound, course.gains[0], 0.0, outcome, standing.step, _changes(window, standing, course.plan[0]),
     )  # fmt: skip
     carried = _stands(settings, standing, window, course, decision, memory, decided_at, prices)
-    if budget is not None and "answered" in clockwork:
-        rest = time.perf_counter() - clockwork.pop("answered")
-        clockwork["rest"] = max(rest, _FORGETTING * clockwork.get("rest", 0.0))
+    pace.done()
     return decision, carried
-
-
-def _times(began: float, budget: float | None, clockwork: dict[str, Any]) -> _Times:
-    if budget is None:
-        return _Times(np.inf, np.inf)
-    rest = _FIRST_REST * budget if "rest" not in clockwork else _SAFETY * clockwork["rest"]
-    rest = min(rest + _OVERHEAD_S, _MOST_REST * budget)
-    return _Times(began + budget, began + budget - rest)
 
 
 def _thought(
@@ -141,20 +102,19 @@ def _thought(
     course: Course,
     memory: Any,
     step: int,
-    times: _Times,
-    clockwork: dict[str, Any],
+    times: Times,
+    pace: Pace,
 ) -> tuple[_Answer | None, Course | None]:
     """The policy's answer, None if there is none in time; and the course of HAA, None where there is no hurry."""
     if np.isinf(times.due):
         return _asked(settings, course.copy(), memory, step, np.inf, _never), None
-    earlier: Thought[_Answer] | None = clockwork.get("thought")
     thought: Thought[_Answer] | None = None
-    if (earlier is None or earlier.is_over) and time.perf_counter() < times.think_until:
+    if (pace.thought is None or pace.thought.is_over) and time.perf_counter() < times.think_until:
         own = course.copy()
         # on the clock that stands still while kernels are compiled
         until = clock.now() + times.think_until - time.perf_counter()
         thought = Thought(lambda check: _asked(settings, own, memory, step, until, check))
-        clockwork["thought"] = thought
+        pace.thought = thought
     sure = course.copy()
     sure.play(sure.best())
     sure.go_on(times.has_time)
@@ -162,7 +122,7 @@ def _thought(
         return None, sure
     slack = 0.5 * (times.due - times.think_until)  # for what a policy does after it has stopped to think
     answer = thought.answer(times.think_until + slack)
-    clockwork["answered"] = time.perf_counter()
+    pace.answered = time.perf_counter()
     return answer, sure
 
 
@@ -194,7 +154,7 @@ def _asked(
 
 
 def _chosen(
-    course: Course, answer: _Answer | None, sure: Course | None, times: _Times
+    course: Course, answer: _Answer | None, sure: Course | None, times: Times
 ) -> tuple[Course, _Answer | None, Outcome]:
     """The better of the policy's plan and that of HAA, where the policy could not come to its end."""
     if answer is None:
@@ -216,14 +176,14 @@ def _partly_frozen(
     course: Course,
     benefits: Benefits,
     fixed: IntArray,
-    times: _Times,
-    clockwork: dict[str, Any],
+    times: Times,
+    pace: Pace,
 ) -> tuple[IntArray, Any, Outcome]:
     """The assignment of a first step of which a part is frozen: the policy decides on the others."""
     window = course.window
     now = replace(settings, announce=1)
     if not window.core.is_plain:
-        return _within_pins(now, standing, course, fixed, times, clockwork)
+        return _within_pins(now, standing, course, fixed, times, pace)
     free = np.flatnonzero(fixed == FREE)
     taken = fixed[fixed != FREE]
     tasks = np.setdiff1d(np.arange(len(window.tasks)), taken)
@@ -233,7 +193,7 @@ def _partly_frozen(
     )  # fmt: skip
     own = Course(part, settings.change_cost, course.goes_on == 0)
     known = _carried(settings, standing, part, standing.step)
-    answer, sure = _thought(now, own, known, standing.step, times, clockwork)
+    answer, sure = _thought(now, own, known, standing.step, times, pace)
     chosen, answer, outcome = _chosen(own, answer, sure, times)
     places = fixed.copy()
     places[free] = tasks[chosen.plan[0]]
@@ -251,8 +211,8 @@ def _within_pins(
     standing: Standing,
     course: Course,
     fixed: IntArray,
-    times: _Times,
-    clockwork: dict[str, Any],
+    times: Times,
+    pace: Pace,
 ) -> tuple[IntArray, Any, Outcome]:
     """The same with capacities, idleness or limits: all other pairs of those agents are forbidden."""
     window = course.window
@@ -265,15 +225,15 @@ def _within_pins(
     dense[0][set_on, fixed[set_on]] = np.where(
         dense[0][set_on, fixed[set_on]] > 0, dense[0][set_on, fixed[set_on]], 1.0
     )
-    only = replace_benefits(window, Benefits(dense))
+    only = _with_benefits(window, Benefits(dense))
     own = Course(only, settings.change_cost, course.goes_on == 0)
     known = _carried(settings, standing, only, standing.step)
-    answer, sure = _thought(settings, own, known, standing.step, times, clockwork)
+    answer, sure = _thought(settings, own, known, standing.step, times, pace)
     chosen, answer, outcome = _chosen(own, answer, sure, times)
     return chosen.plan[0], None if answer is None else answer.memory, outcome
 
 
-def replace_benefits(window: Window, benefits: Benefits) -> Window:
+def _with_benefits(window: Window, benefits: Benefits) -> Window:
     """A window with other benefits of its core."""
     core = copy.copy(window.core)
     core.benefits = benefits
@@ -295,7 +255,7 @@ def _carried(settings: Settings, standing: Standing, window: Window, step: int) 
 
 
 def _proven(
-    prefix: Course, memory: Any, standing: Standing, times: _Times, clockwork: dict[str, Any], window: Window
+    prefix: Course, memory: Any, standing: Standing, times: Times, pace: Pace, window: Window
 ) -> tuple[float | None, FloatArray | None]:
     start = None
     if standing.prices is not None and len(standing.prices) > 1:
@@ -307,13 +267,12 @@ def _proven(
             start = None
     if np.isinf(times.due):
         return window_bound(prefix, memory, start, np.inf)
-    earlier: Thought[Any] | None = clockwork.get("proof")
-    if earlier is not None and not earlier.is_over:
+    if pace.proof is not None and not pace.proof.is_over:
         return None, None
     seconds = times.left
     proof = Thought(lambda _: window_bound(prefix, memory, start, _PROOF * seconds))
-    clockwork["proof"] = proof
-    return proof.answer(times.due - _OVERHEAD_S) or (None, None)
+    pace.proof = proof
+    return proof.answer(times.due - OVERHEAD_S) or (None, None)
 
 
 def _changes(window: Window, standing: Standing, places: IntArray) -> tuple[Any, ...]:

@@ -52,7 +52,7 @@ class Decision:
         No plan of this window is worth more, from the state that there is, with what is frozen. None if nothing is
         proven: the dynamics is not agent-local, a part of the agents is frozen, or there was no time.
     gained : float
-        What the step that begins now is worth alone.
+        What the step that begins now is worth alone: benefits, handovers and changes, without limits and teams.
     seconds : float
         Time from the call to the answer.
     status : Outcome

@@ -22,6 +22,7 @@ from sapopt.live.decision import Assignment, Decision
 from sapopt.live.limits import session_limits
 from sapopt.live.names import Name, checked_name, checked_names
 from sapopt.live.saving import loaded, saved
+from sapopt.live.thinking import Pace
 from sapopt.live.warming import run_warm
 from sapopt.live.window import DynamicsOf, Settings, Standing
 from sapopt.problem.limit import Team
@@ -130,7 +131,7 @@ class Session:
         _check_taken(self._settings)
         self._standing = Standing()
         self._lock = threading.Lock()
-        self._clockwork: dict[str, Any] = {}
+        self._pace = Pace()
 
     def __repr__(self) -> str:
         standing = self._standing
@@ -242,7 +243,7 @@ class Session:
             ends,
             began,
             budget,
-            self._clockwork,
+            self._pace,
         )
 
     def warm(
@@ -274,7 +275,7 @@ class Session:
         """A session like this one that has not begun."""
         twin = Session.__new__(Session)
         twin._settings = replace(self._settings, holding={})
-        twin._standing, twin._lock, twin._clockwork = Standing(), threading.Lock(), self._clockwork
+        twin._standing, twin._lock, twin._pace = Standing(), threading.Lock(), self._pace
         return twin
 
     def save(self, path: str | Path) -> None:
@@ -311,7 +312,7 @@ class Session:
         settings, standing = loaded(path, policy, dynamics)
         out = cls.__new__(cls)
         out._settings, out._standing = settings, standing
-        out._lock, out._clockwork = threading.Lock(), {}
+        out._lock, out._pace = threading.Lock(), Pace()
         return out
 
 

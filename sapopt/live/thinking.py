@@ -5,11 +5,23 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
 
 from sapopt.running.control import Expired
 
 T = TypeVar("T")
+
+_FIRST_REST = 0.25
+"""Share of the budget that is left for what follows the policy, until it is known how long that takes."""
+_MOST_REST = 0.6
+_SAFETY = 1.3
+_FORGETTING = 0.8
+"""What is left, from call to call, of a time that was longer than the last."""
+OVERHEAD_S = 0.004
+"""Time for waking up, and for the answer itself."""
 
 
 class Thought(Generic[T]):
@@ -62,3 +74,54 @@ class Thought(Generic[T]):
         if self._error is not None:
             raise self._error
         return self._result
+
+
+@dataclass
+class Pace:
+    """What a session knows of the machine it runs on, and what may still be going on there; no part of what it carries.
+
+    Attributes
+    ----------
+    rest : float or None
+        Seconds that lately went by between the policy's answer and that of the session.
+    answered : float or None
+        When the policy answered, within a call.
+    thought, proof : Thought or None
+        The last work that was not waited for.
+    """
+
+    rest: float | None = None
+    answered: float | None = None
+    thought: Thought[Any] | None = None
+    proof: Thought[Any] | None = None
+
+    def times(self, began: float, budget: float | None) -> Times:
+        """When the parts of a decision are due."""
+        if budget is None:
+            return Times(np.inf, np.inf)
+        rest = _FIRST_REST * budget if self.rest is None else _SAFETY * self.rest
+        return Times(began + budget, began + budget - min(rest + OVERHEAD_S, _MOST_REST * budget))
+
+    def done(self) -> None:
+        """A decision with a budget is made: learn from it."""
+        if self.answered is not None:
+            rest = time.perf_counter() - self.answered
+            self.rest = rest if self.rest is None else max(rest, _FORGETTING * self.rest)
+            self.answered = None
+
+
+@dataclass(frozen=True)
+class Times:
+    """When a decision is due, on `time.perf_counter`; `think_until` leaves time for what follows the policy."""
+
+    due: float
+    think_until: float
+
+    @property
+    def left(self) -> float:
+        """Seconds until the answer is due."""
+        return self.due - OVERHEAD_S - time.perf_counter()
+
+    def has_time(self) -> bool:
+        """Whether there is time for more than the least."""
+        return self.left > 0
