@@ -19,9 +19,12 @@ from sapopt.dynamics.copies.model import SyntheticSwitching
 from sapopt.dynamics.joint.dictator import Dictator
 from sapopt.dynamics.joint.interference import Interference
 from sapopt.dynamics.registry import BUILT_IN
+from sapopt.dynamics.rules.in_a_row import AtMostInARow
+from sapopt.dynamics.rules.jobs import Jobs
 from sapopt.dynamics.rules.ride_hailing import RideHailing
 from sapopt.dynamics.rules.slewing import SlewCost
 from sapopt.dynamics.rules.unit_commitment import UnitCommitment
+from sapopt.dynamics.rules.waiting_rides import WaitingRides
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.sap import SAP
 
@@ -100,6 +103,20 @@ def _committing() -> list[Model]:
     return [UnitCommitment(np.full(_AGENTS, 0.3), 2 * ones, ones, np.full(_AGENTS, 0.1), -ones)]
 
 
+def _in_a_row() -> list[Model]:
+    return [AtMostInARow(_STEPS, 0.1)]  # whoever works at every step may: policies need not know when to rest
+
+
+def _jobs() -> list[Model]:
+    return [Jobs(np.ones(_TASKS, np.int64), 0.1)]  # nobody is ever busy, as not all policies look at that
+
+
+def _waiting() -> list[Model]:
+    travel = np.array([[0, 1, 2], [1, 0, 1], [2, 1, 0]])
+    ends = np.arange(_TASKS) % 3, (np.arange(_TASKS) + 1) % 3
+    return [WaitingRides(travel, *ends, np.arange(_TASKS) % _STEPS, np.arange(_AGENTS) % 3, 0.3)]
+
+
 _OFFERED_ONCE = {RideHailing}
 """Dynamics whose tasks may be worth something at one step only."""
 _MODELS: dict[Any, Callable[[], list[Model]]] = {
@@ -111,4 +128,7 @@ _MODELS: dict[Any, Callable[[], list[Model]]] = {
     SlewCost: _slewing,
     RideHailing: _riding,
     UnitCommitment: _committing,
+    AtMostInARow: _in_a_row,
+    Jobs: _jobs,
+    WaitingRides: _waiting,
 }

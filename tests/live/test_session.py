@@ -15,7 +15,7 @@ from session_windows import RULES, as_plan, benefits_of, earned, played
 
 from sapopt import SAP, Decision, Limit, Session, SwitchingCost, Team, solve
 from sapopt.domains.tiny import tiny_problems
-from sapopt.dynamics import Battery, SlewCost, SyntheticSwitching
+from sapopt.dynamics import AtMostInARow, Battery, Jobs, SlewCost, SyntheticSwitching, WaitingRides
 from sapopt.live.decision import Outcome
 from sapopt.solvers import (
     CBBA,
@@ -48,8 +48,10 @@ def test_takes_every_dynamics(name: str, problem: SAP) -> None:
 
     def dynamics(step: int, agents: Any, tasks: Any) -> Any:
         rule = problem.dynamics
-        if isinstance(rule, SlewCost):  # the only one whose parameters are by time
+        if isinstance(rule, SlewCost):  # parameters by time: those of the window
             return SlewCost(rule.cost, rule.satellites_km[step : step + 2], rule.targets_km)
+        if isinstance(rule, WaitingRides):
+            return replace(rule, latest=rule.latest - step)
         return rule
 
     session = Session(policy, dynamics, holding=held)
@@ -132,6 +134,17 @@ def test_bound_is_above_every_plan(seed: int, rule: str) -> None:
             start = [held[i] for i in range(2)] if k else None
             best = solve(SAP(benefits[k : k + 2], RULES[rule](), start), Exact(method="dp"))
             assert decision.bound >= best.value - 1e-9
+
+
+@pytest.mark.parametrize("rule", [Jobs([2, 1, 3, 1]), AtMostInARow(2, 0.1)], ids=repr)
+def test_agents_stay_busy(rule: Any) -> None:
+    """What an agent has begun, or worked, goes with it from call to call, counted from the step that begins."""
+    benefits = benefits_of(9, (7, 2, 4))
+    decisions = played(Session(DualLookahead(3), rule, idle=True), benefits, 3)
+    problem = SAP(benefits, rule, idle=True)
+    assert np.array_equal(as_plan(decisions), solve(problem, DualLookahead(3)).plan)
+    gained, value = earned(problem, decisions)
+    assert gained == pytest.approx(value, abs=1e-9)
 
 
 def test_a_failed_agent_frees_its_task_at_once() -> None:

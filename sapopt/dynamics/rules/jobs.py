@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
-from sapopt.dynamics.base import Setting
+from sapopt.dynamics.base import AgentColumns, Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
 
@@ -79,6 +79,14 @@ class Jobs(AgentLocal):
     def features(self, state: LocalStates) -> FloatArray:
         """For how many steps every agent is busy yet, shape ``(n, 1)``."""
         return np.maximum(state.local - state.step, 0)[:, None].astype(np.float64)
+
+    def agent_columns(self, state: LocalStates) -> AgentColumns:
+        """In how many steps every agent is free."""
+        return AgentColumns({}, {"busy": np.maximum(state.local - state.step, 0)})
+
+    def of_columns(self, columns: AgentColumns) -> LocalStates:
+        """The agents before the first step of the benefits."""
+        return LocalStates(0, columns.values["busy"])
 
     def rule(
         self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, index_array
-from sapopt.dynamics.base import Setting
+from sapopt.dynamics.base import AgentColumns, Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 from sapopt.dynamics.rules.ride_hailing import checked_cost, checked_places, checked_travel
 
@@ -86,6 +86,15 @@ class WaitingRides(AgentLocal):
     def features(self, state: LocalStates) -> FloatArray:
         """In how many steps every driver is free, shape ``(n, 1)``."""
         return np.maximum(state.local // len(self.travel) - state.step, 0)[:, None].astype(np.float64)
+
+    def agent_columns(self, state: LocalStates) -> AgentColumns:
+        """Where every driver is or will be free, and in how many steps."""
+        free, place = np.divmod(state.local, len(self.travel))
+        return AgentColumns({}, {"place": place, "busy": np.maximum(free - state.step, 0)})
+
+    def of_columns(self, columns: AgentColumns) -> LocalStates:
+        """The drivers before the first step of the benefits."""
+        return LocalStates(0, columns.values["busy"] * len(self.travel) + columns.values["place"])
 
     def rule(
         self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray
