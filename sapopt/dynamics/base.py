@@ -153,6 +153,15 @@ class Plain(Protocol):
         """Value (n,) of every agent's longest path under task prices (T, m)."""
 
 
+class LocalRule(Protocol):
+    """What happens to one agent by one rule (`sapopt.dynamics.AgentLocal`)."""
+
+    def rule(
+        self, k: int, agent: IntArray, local: IntArray, task: IntArray, benefit: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Handover and local state after, for moves of agents in local states; see `AgentLocal.rule`."""
+
+
 @runtime_checkable
 class Dynamics(Protocol):
     """State model of a sequential assignment problem: any class with these three methods, its *rule*.
@@ -313,6 +322,10 @@ class Model(ABC):
 
     def switching(self) -> Switching | None:
         """The parameters of the plain switching rule if this is that very rule, else None."""
+        return None
+
+    def by_rule(self) -> LocalRule | None:
+        """The rule that all else is derived from, where agents have a state of their own and idle without benefit."""
         return None
 
     def entering(self) -> Entering | None:

@@ -84,6 +84,10 @@ class AgentLocal(Model):
             Local states that follow.
         """
 
+    def by_rule(self) -> Self:
+        """Itself."""
+        return self
+
     def bind(self, benefits: Benefits) -> Self:
         """A copy that knows the benefits."""
         return replace(self, benefits=benefits)

@@ -13,12 +13,11 @@ import numpy as np
 
 from sapopt.data.benefits import dense_step
 from sapopt.data.types import IntArray
+from sapopt.dynamics.base import LocalRule
 from sapopt.dynamics.paths.oracles import IDLE
-from sapopt.dynamics.rules.agent_local import AgentLocal
 from sapopt.formulations.limited.graph import PathGraph
 from sapopt.formulations.limited.useful import (
     agent_benefits,
-    is_by_rule,
     kept_pairs,
     switching_rule,
     useful_pairs,
@@ -52,13 +51,12 @@ def path_graph(
     ValueError
         If the dynamics is not agent-local, or the graph would be too large.
     """
-    rule = switching_rule(problem)
+    rule, local = switching_rule(problem), problem.model.by_rule()
     state = problem.initial_state() if state is None else state
     if rule is not None and rule.uniform_cost is not None:
         graph = _hub_graph(problem, rule.uniform_cost, rule.idle_is_free, also)
-    elif is_by_rule(problem):
-        assert isinstance(problem.model, AgentLocal)
-        graph = _rule_graph(problem, problem.model, state, also)
+    elif local is not None:
+        graph = _rule_graph(problem, local, state, also)
     else:
         graph = _state_graph(problem, state)
     return tightened(graph) if tight else graph
@@ -155,7 +153,7 @@ def _graph(problem: SAP, node_ptr: IntArray, arcs: tuple[Any, ...], last: IntArr
     return graph.restricted(graph.gain > -np.inf)
 
 
-def _rule_graph(problem: SAP, rule: AgentLocal, state: Any, also: tuple[int, int] | None) -> PathGraph:
+def _rule_graph(problem: SAP, rule: LocalRule, state: Any, also: tuple[int, int] | None) -> PathGraph:
     """States that the agents can reach by a rule, and the moves between them; one call of the rule for each step."""
     T, n, m = problem.T, problem.n, problem.m
     remembers, initial = problem.rows.remembers, problem.initial_assignment

@@ -13,7 +13,6 @@ from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.dynamics.base import Switching
 from sapopt.dynamics.idle import IdlePlace
-from sapopt.dynamics.rules.agent_local import AgentLocal
 from sapopt.problem.sap import SAP
 
 
@@ -82,7 +81,7 @@ def agent_benefits(problem: SAP) -> FloatArray:
 def tidied(problem: SAP, plan: IntArray) -> IntArray:
     """A plan (T, n) worth at least as much in which nobody holds a task before or after it can gain by it."""
     rule = switching_rule(problem)
-    if problem.rows.idle < 0 or (rule is None and not is_by_rule(problem)):
+    if problem.rows.idle < 0 or (rule is None and problem.model.by_rule() is None):
         return plan
     out = plan.copy()
     initial = problem.initial_assignment
@@ -95,16 +94,6 @@ def tidied(problem: SAP, plan: IntArray) -> IntArray:
                 free = first == 0 and (initial is None or initial[i] == task)
                 out[first if free else good[0] : good[-1] + 1, i] = task
     return out
-
-
-def is_by_rule(problem: SAP) -> bool:
-    """Whether the states are those of an `AgentLocal` rule, to which a pair without benefit is idling."""
-    model = problem.model
-    return (
-        isinstance(model, AgentLocal)
-        and model.is_agent_local
-        and type(model).local_model is AgentLocal.local_model
-    )
 
 
 def _runs(tasks: IntArray) -> list[tuple[int, int]]:
