@@ -36,6 +36,9 @@ from matplotlib.figure import Figure
 
 from sapopt.cli.show import environment
 from sapopt.data.files import write_figure, write_text
+from sapopt.problem.sap import SAP
+from sapopt.solvers.base import Solver
+from sapopt.warming import warm_up
 
 
 @dataclass(frozen=True)
@@ -165,6 +168,11 @@ def begin(
         parser.error(f"{earlier} exists already; give --force to overwrite it, or another --out")
     options.out.mkdir(parents=True, exist_ok=True)
     return Run(name, options, asked)
+
+
+def warm(problem: SAP, solver: Solver) -> None:
+    """Compile on the first steps of a problem, so that no time contains it."""
+    warm_up(problem, solver)
 
 
 def new_figure(

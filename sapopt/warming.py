@@ -37,7 +37,7 @@ def warm_up(problem: SAP, solver: Solver | None) -> None:
         iterations = count(1)
         api.bound(small, callback=lambda progress: next(iterations) >= _ITERATIONS)
         return
-    if isinstance(solver, DualDecomposition):
+    if isinstance(solver, DualDecomposition) and problem.is_plain:
         solver.exercise(small, Run(time_limit=_SECONDS))
         return
     limit = None if isinstance(solver, Policy) else _SECONDS
@@ -50,7 +50,7 @@ def run_tiny(problem: SAP, solver: Solver | None) -> None:
     with suppress(ValueError):
         if solver is None:
             api.bound(problem, time_limit=_TINY_SECONDS)
-        elif isinstance(solver, DualDecomposition):
+        elif isinstance(solver, DualDecomposition) and problem.is_plain:
             solver.exercise(problem, Run(time_limit=_TINY_SECONDS))
         else:
             # A policy must run all steps: the second one, which has a past, needs more than the first.

@@ -2,7 +2,7 @@
 
 An agent is an antenna, a task a request, a step half an hour. To hold a request is to begin its *track*: the set-up,
 the hours that are wanted, and the tear-down, during which the antenna is busy. A request is served once. One that wants
-several antennas earns, as a `sapopt.Team`, the hours of all of them when so many begin it at the same step.
+several antennas earns, as a `sapopt.Team`, its hours when so many begin it at the same step.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class DeepSpace:
                 raise ValueError(f"{name} must be {m} numbers from {least} to {most}")
 
     def problem(self, cost: Any = 0.0, *, idle_is_free: bool | None = None) -> SAP:
-        """The sequential assignment problem, whose value is the antenna hours served.
+        """The sequential assignment problem, whose value is the hours served.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class DeepSpace:
         for j in several:
             steps = np.flatnonzero(capacity[:, j])
             if len(steps):
-                reward = (1.0 - _ALONE) * float(self.needs[j] * self.hours[j])
+                reward = (1.0 - _ALONE * float(self.needs[j])) * float(self.hours[j])
                 limits.append(Team(int(j), int(self.needs[j]), reward=reward, steps=steps))
         benefits = [sp.csr_array(np.where(self.begins[k], worth, -np.inf)) for k in range(T)]
         return SAP(
@@ -103,12 +103,12 @@ class DeepSpace:
         )  # fmt: skip
 
     def hours_served(self, plan: IntArray) -> float:
-        """Antenna hours of the tracks of a plan (T, n) that enough antennas begin together."""
+        """Hours of the tracks of a plan (T, n) that enough antennas begin together."""
         total = 0.0
         for row in plan:
             tasks, count = np.unique(row[row >= 0], return_counts=True)
             good = count >= self.needs[tasks]
-            total += float((self.needs[tasks] * self.hours[tasks])[good].sum())
+            total += float(self.hours[tasks][good].sum())
         return total
 
 
