@@ -206,7 +206,7 @@ class DualLookahead:
                 if now >= until:
                     break
                 if iteration % _RENEWAL == 0:
-                    if iteration and np.isfinite(until):  # cool down in the steps that there is time for
+                    if now > began and np.isfinite(until):  # cool down in the steps that there is time for
                         affordable = int(_PLANNED * (until - now) / (now - began) * iteration)
                         descent = descent.replanned(iteration, min(iterations - iteration, affordable))
                         if iteration >= descent.iterations:
