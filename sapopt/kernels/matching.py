@@ -244,8 +244,8 @@ def _augment(start, rows, found, search):
     end_length = utility  # the agent itself may idle
     end_agent = start
     end_task = np.int64(-1)
-    size = 0
-    n_touched = 0
+    size = np.int64(0)  # a plain 0 would be a type of its own to the compiler
+    n_touched = np.int64(0)
     i = start
     length = 0.0
     while True:

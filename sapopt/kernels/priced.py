@@ -81,7 +81,7 @@ def _begin(worth, prices):
         _lowest(b, worth, found)
     queue = np.arange(n)
     late = np.empty(n, np.int64)
-    waiting, later = n, 0
+    waiting, later = n, np.int64(0)  # a plain 0 would be a type of its own to the compiler
     for _ in range(_ROUNDS):
         if waiting == 0:
             break
@@ -208,8 +208,8 @@ def _augment(root, worth, found, search):
         hub_dist[b] = np.inf
         hub_done[b] = False
     end, end_task = np.inf, np.int64(-1)  # the nearest free task so far
-    size = 0
-    n_touched = 0
+    size = np.int64(0)  # a plain 0 would be a type of its own to the compiler
+    n_touched = np.int64(0)
     i, length = root, 0.0
     while True:
         # Out of agent i, at distance `length`: along its row, and to the hubs.

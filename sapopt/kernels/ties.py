@@ -137,7 +137,7 @@ def _smallest(rows, matching, tol):
     taken = np.empty(n + 1, np.int64)
     queue = np.empty(n + 1, np.int64)
     walk = Walk(seen, parent, taken, queue, option)
-    stamp = 0
+    stamp = np.int64(0)
     for i in range(n):
         current = chosen[i] if chosen[i] >= 0 else m
         size = _tight(i, rows, matching, tol, option)

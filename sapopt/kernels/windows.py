@@ -39,7 +39,9 @@ def window_gains(indptr, indices, data, first, last, n, m, entry_cost):
     gains = np.empty(bound)
     total = np.zeros(m)
     seen = np.zeros(m, np.int64)  # agent + 1 that touched the task last
-    filled = 0
+    filled = np.int64(
+        0
+    )  # a plain 0 would be a type of its own to the compiler, and `fill_sorted` compiled twice
     for i in range(n):
         begin = filled
         for k in range(first, last):
@@ -84,7 +86,9 @@ def longer_window(
     bool
         Whether a gain is negative.
     """
-    filled = 0
+    filled = np.int64(
+        0
+    )  # a plain 0 would be a type of its own to the compiler, and `fill_sorted` compiled twice
     negative = False
     out_start[0] = 0
     for i in range(len(row_start) - 1):

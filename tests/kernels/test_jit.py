@@ -206,13 +206,17 @@ def _makes_arrays(kernel: jit.Kernel) -> list[str]:
     return found
 
 
+def _import_everything() -> None:
+    for module in pkgutil.walk_packages(sapopt.__path__, "sapopt."):
+        if "torch" not in module.name and "learning" not in module.name:
+            importlib.import_module(module.name)
+
+
 def test_kernels_that_borrow_make_and_return_no_array() -> None:
     """A kernel without counting of references would leak an array that it made, and free one that it returned."""
     from numba import types
 
-    for module in pkgutil.walk_packages(sapopt.__path__, "sapopt."):
-        if "torch" not in module.name and "learning" not in module.name:
-            importlib.import_module(module.name)
+    _import_everything()
     borrowing = [kernel for kernel in jit.KERNELS if kernel.options.get("_nrt") is False]
     assert len(borrowing) > 50
     assert {repr(kernel): _makes_arrays(kernel) for kernel in borrowing if _makes_arrays(kernel)} == {}
@@ -221,3 +225,47 @@ def test_kernels_that_borrow_make_and_return_no_array() -> None:
             returned = compiled.signature.return_type
             parts = returned.types if isinstance(returned, types.BaseTuple) else (returned,)
             assert not any(isinstance(part, types.Array) for part in parts), (kernel, returned)
+
+
+def _literals(kernel: jit.Kernel) -> list[str]:
+    """Arguments of calls to other kernels that the compiler sees as numbers of a type of their own."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(kernel.py_func)))
+    plain = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+                names = target.elts if isinstance(target, ast.Tuple) else [target]
+                pairs = zip(names, values, strict=False)
+                plain |= {ast.unparse(n) for n, v in pairs if isinstance(n, ast.Name) and _is_whole(v)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and _called(kernel, node) is not None:
+            found += [
+                f"{ast.unparse(node.func)}({ast.unparse(argument)})"
+                for argument in node.args
+                if _is_whole(argument) or ast.unparse(argument) in plain
+            ]
+    return found
+
+
+def _is_whole(node: ast.expr) -> bool:
+    if isinstance(node, ast.UnaryOp):
+        node = node.operand
+    return isinstance(node, ast.Constant) and type(node.value) is int
+
+
+def _called(kernel: jit.Kernel, node: ast.Call) -> jit.Kernel | None:
+    names = kernel.py_func.__globals__
+    target = node.func
+    if isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name):
+        value = getattr(names.get(target.value.id), target.attr, None)
+    else:
+        value = names.get(target.id) if isinstance(target, ast.Name) else None
+    return value if isinstance(value, jit.Kernel) else None
+
+
+def test_no_kernel_is_compiled_for_a_single_number() -> None:
+    """numba compiles a helper once more for a literal 0, or a variable that begins as one: np.int64(0) instead."""
+    _import_everything()
+    assert {repr(kernel): found for kernel in jit.KERNELS if (found := _literals(kernel))} == {}

@@ -315,7 +315,7 @@ def best_paths(begin, end, rows, rule, before, prices, cheapest, values, plan, s
     """
     for i in range(begin, end):
         _idle_places(i, rows, prices, cheapest, scratch)
-        _values(i, rows, rule, prices, 0, scratch)
+        _values(i, rows, rule, prices, np.int64(0), scratch)
         values[i] = _walk(i, rows, rule, prices, before, scratch, plan[i])
 
 
@@ -330,7 +330,7 @@ def place(order, rows, rule, before, closed, prices, none, plan, path, scratch):
         for k in range(T):
             closed[k, plan[k, i]] = prices[k, plan[k, i]]
         _idle_places(i, rows, closed, none, scratch)
-        _values(i, rows, rule, closed, 0, scratch)
+        _values(i, rows, rule, closed, np.int64(0), scratch)
         _walk(i, rows, rule, closed, before, scratch, path)
         for k in range(T):  # its old path was open, so one was found
             plan[k, i] = path[k]
@@ -349,7 +349,7 @@ def first_entries(begin, end, rows, rule, before, prices, cheapest, rest, listed
     T = prices.shape[0]
     for i in range(begin, end):
         _idle_places(i, rows, prices, cheapest, scratch)
-        _values(i, rows, rule, prices, 1, scratch)
+        _values(i, rows, rule, prices, np.int64(1), scratch)
         level = before.levels[i]
         after = min(level + rule.charge, rule.capacity) if level > 0 else 0
         rest[i] = N[1, after]
@@ -381,7 +381,9 @@ def first_gains(rows, rest, listed, total, row_start, tasks, gains):
     Fills `row_start` (n + 1,), `tasks` and `gains` (at most as many as `listed`); `total` (m,) is scratch.
     """
     n, indptr, indices, back = rows.n, rows.indptr, rows.indices, rows.back
-    filled = 0
+    filled = np.int64(
+        0
+    )  # a plain 0 would be a type of its own to the compiler, and `fill_sorted` compiled twice
     row_start[0] = 0
     for i in range(n):
         begin = filled
@@ -405,7 +407,7 @@ def add_values(begin, end, rows, rule, prices, cheapest, scratch, total):
     T = prices.shape[0]
     for i in range(begin, end):
         _idle_places(i, rows, prices, cheapest, scratch)
-        _values(i, rows, rule, prices, 0, scratch)
+        _values(i, rows, rule, prices, np.int64(0), scratch)
         for k in range(T + 1):
             for level in range(rule.capacity + 1):
                 total[k, level] += scratch.paid[k, level]

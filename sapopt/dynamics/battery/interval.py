@@ -37,7 +37,9 @@ def interval_gains(indptr, indices, data, steps, m, before, rule):
     level = np.zeros(m, np.int64)
     until = np.zeros(m, np.int64)  # steps that are accounted for
     ready = np.zeros(m, np.bool_)
-    filled = 0
+    filled = np.int64(
+        0
+    )  # a plain 0 would be a type of its own to the compiler, and `fill_sorted` compiled twice
     for i in range(n):
         begin = filled
         for k in range(steps):

@@ -155,7 +155,7 @@ def first_values(window, prices, out):
     move = np.empty(T, np.int64)
     stay = np.empty((T, R + 1), np.int64)
     for i in range(n):
-        _to_go(i, 1, window, prices, row, best, move, stay)
+        _to_go(i, np.int64(1), window, prices, row, best, move, stay)
         for e in range(indptr[i], indptr[i + 1]):
             row[indices[e]] = data[e]
         for j in range(m):

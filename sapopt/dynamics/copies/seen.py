@@ -66,7 +66,7 @@ def paths(agents, window, prices, order, values, plan):
     move = np.empty(T, np.int64)
     for a in range(len(agents)):
         i = agents[a]
-        _to_go(i, 0, window, prices, order, mark, stamps, best, move)
+        _to_go(i, np.int64(0), window, prices, order, mark, stamps, best, move)
         r = start[i]
         for k in range(T):
             lo, hi = indptr[k * n + i], indptr[k * n + i + 1]
@@ -98,7 +98,7 @@ def first_values(window, prices, order, out):
     best = np.empty((T + 1, R + 1))
     move = np.empty(T, np.int64)
     for i in range(n):
-        _to_go(i, 1, window, prices, order, mark, stamps, best, move)
+        _to_go(i, np.int64(1), window, prices, order, mark, stamps, best, move)
         out[i, :] = best[1, R]
         for e in range(indptr[i], indptr[i + 1]):
             j, value = indices[e], data[e]

@@ -36,7 +36,7 @@ def idle_tasks(prices, rows, first_row, last_row, own, listed_ptr, listed):
             if j < 0 or prices[k, j] > prices[k, low] or _is_listed(listed, begin, end, j):
                 j = low
                 if _is_listed(listed, begin, end, j):
-                    j = -1
+                    j = np.int64(-1)
                     for q in range(m):
                         if (j < 0 or prices[k, q] < prices[k, j]) and not _is_listed(listed, begin, end, q):
                             j = q
@@ -192,7 +192,7 @@ def place(arcs, node_ptr, rows, source, own, listed_ptr, listed, order, closed, 
             j = own[i]
             # A task that is the agent's own and costs nothing needs no search; it is what nearly always happens.
             if closed[k, j] > 0.0 or _is_listed(listed, begin, end, j):
-                j = -1
+                j = np.int64(-1)
                 for q in range(m):
                     if (j < 0 or closed[k, q] < closed[k, j]) and not _is_listed(listed, begin, end, q):
                         j = q

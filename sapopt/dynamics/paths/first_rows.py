@@ -159,7 +159,9 @@ def sorted_rows(slots: Any, values: FloatArray, leave: FloatArray, dues: FloatAr
 def _sort_rows(ptr, leave, dues, row_start, tasks, worth, total):
     """Drop the slots that are worth no more than waiting, and sort the rows, in place; returns how many are left."""
     n, hubs = leave.shape
-    filled = 0
+    filled = np.int64(
+        0
+    )  # a plain 0 would be a type of its own to the compiler, and `fill_sorted` compiled twice
     for i in range(n):
         begin = filled
         for s in range(ptr[i], ptr[i + 1]):

@@ -138,7 +138,7 @@ def auction(ring_start, ring_agents, wishes, price, bidder, epsilon, widest, max
     mine = np.full(bidders, -1, np.int64)
     listed_at = np.full((m, n), -1, np.int32)  # round in which an entry last changed
     mark = np.full(m, -1, np.int64)
-    stamp = 0
+    stamp = np.int64(0)
     room = 64
     entries = np.zeros((room, n), np.int32)
     bids = np.zeros((room + 1, n), np.int32)

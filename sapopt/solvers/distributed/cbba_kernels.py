@@ -196,7 +196,7 @@ def _build(i, offers, tables, bundles, count):
             for q in range(t):
                 if path[q] >= 0:
                     before = path[q]
-            after = -1
+            after = np.int64(-1)
             for q in range(steps - 1, t, -1):
                 if path[q] >= 0:
                     after = path[q]

@@ -153,8 +153,8 @@ def iterate(near, slots, held, cost, idle_is_free, price, price_mean, rounds):
             a, b = slot_ptr[i], slot_ptr[i + 1]
             to_go = np.empty((steps + 1, widest + 1))
             path = np.empty(steps, np.int64)
-            value_to_go(benefit[a:b], price[a:b], cost, idle_is_free, 0, to_go)
-            start = -1
+            value_to_go(benefit[a:b], price[a:b], cost, idle_is_free, np.int64(0), to_go)
+            start = np.int64(-1)
             if held[i] >= 0:
                 start = place[i, held[i]] - a
             follow(benefit[a:b], price[a:b], cost, idle_is_free, to_go, start, path)
@@ -195,7 +195,7 @@ def first_gains(slot_ptr, slot_task, benefit, price, held, cost, idle_is_free):
     for i in range(n):
         a, b = slot_ptr[i], slot_ptr[i + 1]
         to_go = np.empty((steps + 1, b - a + 1))
-        value_to_go(benefit[a:b], price[a:b], cost, idle_is_free, 1, to_go)
+        value_to_go(benefit[a:b], price[a:b], cost, idle_is_free, np.int64(1), to_go)
         wait = to_go[1, b - a]
         if held[i] >= 0 and not idle_is_free:
             wait -= cost

@@ -121,7 +121,7 @@ def place(rows, initial, order, prices, open_prices, plan):  # type: ignore[no-u
     for i in order:
         for k in range(steps):
             prices[k, plan[k, i]] = open_prices[k, plan[k, i]]
-        if best_path(rows, i, prices, 0, steps, initial[i], -1, work, path) < _CLOSED:
+        if best_path(rows, i, prices, np.int64(0), steps, initial[i], np.int64(-1), work, path) < _CLOSED:
             return False
         for k in range(steps):
             plan[k, i] = path[k]
