@@ -112,7 +112,8 @@ def longer_window(
                 filled += 1
         fill_sorted(out_tasks, out_gains, total, begin, filled)
         out_start[i + 1] = filled
-        negative |= filled > begin and out_gains[filled - 1] < 0.0
+        if filled > begin and out_gains[filled - 1] < 0.0:
+            negative = True
     return negative
 
 

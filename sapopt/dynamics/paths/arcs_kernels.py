@@ -26,10 +26,10 @@ def idle_tasks(prices, rows, first_row, last_row, own, listed_ptr, listed):
     task = np.empty((T, rows), dtype=np.int64)
     price = np.empty((T, rows))
     for k in range(T):
-        low = 0
-        for j in range(1, m):
-            if prices[k, j] < prices[k, low]:
-                low = j
+        low = np.int64(0)
+        for q in range(1, m):
+            if prices[k, q] < prices[k, low]:
+                low = np.int64(q)
         for r in range(first_row, last_row):
             begin, end = listed_ptr[k * rows + r], listed_ptr[k * rows + r + 1]
             j = own[r]
