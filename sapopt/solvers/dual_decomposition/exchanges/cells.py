@@ -79,7 +79,9 @@ def near_cells(rows, initial, prices, regret, local, tasks, scratch, cells, loss
                     local[j], tasks[count] = count, j
                     count += 1
         own = tasks[:count]
-        marginals(rows, i, prices, 0, T, initial[i], -1, local, own, benefit, forward, backward)
+        marginals(
+            rows, i, prices, np.int64(0), T, initial[i], np.int64(-1), local, own, benefit, forward, backward
+        )
         for k in range(T):
             best = -math.inf
             for c in range(count):

@@ -104,5 +104,5 @@ def total_value(rule, plan):  # type: ignore[no-untyped-def]
     """Return the value of a plan (T, n)."""
     total = 0.0
     for i in range(plan.shape[1]):
-        total += span(rule, plan, i, 0, plan.shape[0])
+        total += span(rule, plan, i, np.int64(0), plan.shape[0])
     return total
