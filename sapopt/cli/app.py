@@ -35,6 +35,7 @@ class _OneLineErrors(TyperGroup):
     ) -> Any:
         """Run a command; `standalone_mode` ends the process with the exit status."""
         try:
+            args = _dynamics_first(sys.argv[1:] if args is None else list(args))
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
         except typer.Abort:
             code = EXIT_INTERRUPTED
@@ -54,6 +55,23 @@ class _OneLineErrors(TyperGroup):
         if standalone_mode:
             sys.exit(code or 0)
         return code
+
+
+def _dynamics_first(args: list[str]) -> list[str]:
+    """The arguments with ``--dynamics X``, an option of the program, before the name of the command."""
+    if "--" in args:
+        return args
+    moved: list[str] = []
+    rest: list[str] = []
+    words = iter(args)
+    for word in words:
+        if word == "--dynamics":
+            moved += [word, *([value] if (value := next(words, None)) is not None else [])]
+        elif word.startswith("--dynamics="):
+            moved.append(word)
+        else:
+            rest.append(word)
+    return moved + rest
 
 
 @runtime_checkable
@@ -85,7 +103,12 @@ app = typer.Typer(
 )
 
 InstanceArgument = Annotated[
-    str, typer.Argument(metavar="INSTANCE", help="A built-in name (see `sapopt instances`) or an .npz file.")
+    str,
+    typer.Argument(
+        metavar="INSTANCE",
+        help="A built-in name (see `sapopt instances`) or an .npz file; with --dynamics MODULE:CLASS if its dynamics "
+        "is your own.",
+    ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of a built-in instance and of the solvers.")]
 Cost = Annotated[
@@ -124,8 +147,17 @@ def _options(
         bool,
         typer.Option("--version", help="Print the version and stop.", is_eager=True, callback=_version),
     ] = False,
+    dynamics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODULE:CLASS",
+            help="The class of the dynamics in problem files, where it is your own; may also stand behind a command.",
+        ),
+    ] = None,
 ) -> None:
-    pass
+    from sapopt.cli import own
+
+    own.hand_over(dynamics)
 
 
 @app.command(name="instances")

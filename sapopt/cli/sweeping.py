@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from sapopt.cli import show
+from sapopt.cli import own, show
 from sapopt.cli.app import EXIT_INTERRUPTED, AsJson, app
 from sapopt.cli.progress import Reporter
 
@@ -39,7 +39,7 @@ def sweep(
     """Run every solver on every instance with every seed. Finished jobs are saved at once and skipped the next time."""
     from sapopt.sweeps import Finished, read_config, run_jobs, solve_job
 
-    plan = read_config(config)
+    plan = read_config(config, own.named())
     folder = out or plan.out
     if folder is None:
         raise ValueError(f"{config}: out: is missing; name the folder of the results there or with --out")

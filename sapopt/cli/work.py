@@ -11,6 +11,7 @@ from pathlib import Path
 
 from sapopt import api as verbs
 from sapopt import warming
+from sapopt.cli import own
 from sapopt.cli.alongside import Job, helped
 from sapopt.cli.links import shortened
 from sapopt.cli.progress import Phase, Reporter
@@ -53,7 +54,7 @@ def load_scenario(
         if cost is not None:
             raise ValueError("--cost applies to built-in instances; a file has its own costs")
         with reporter.phase(f"reading {name}") as phase:
-            problem = SAP.load(path)
+            problem = SAP.load(path, own.dynamics())
             phase.note = _size(problem)
         return path.stem, problem, None
     found = find_instance(name)

@@ -113,10 +113,82 @@ def described(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     return meta, arrays
 
 
+def described_own(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A user's dynamics as plain values and arrays: where its class is, what it tells of itself, and its parameters.
+
+    Raises
+    ------
+    ValueError
+        If it does not tell what decides its values.
+    """
+    kind = type(dynamics)
+    own: dict[str, Any] = {"class": f"{kind.__module__}:{kind.__qualname__}", "print": _print(dynamics)}
+    meta: dict[str, Any] = {"dynamics": "own", "own": own}
+    if not dataclasses.is_dataclass(dynamics):
+        return meta, {}
+    arrays: dict[str, Any] = {}
+    for item in dataclasses.fields(dynamics):
+        value = getattr(dynamics, item.name)
+        if not item.init or item.name == "benefits":
+            continue
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            arrays[f"dynamics.{item.name}"] = value
+        elif value is None or isinstance(value, (str, bool, np.bool_, numbers.Real)):
+            meta[f"dynamics.{item.name}"] = value
+        else:  # whoever reads it has to bring an object
+            return {"dynamics": "own", "own": own}, {}
+    own["fields"] = True
+    return meta, arrays
+
+
+def rebuilt_own(meta: dict[str, Any], arrays: dict[str, Any], given: Any, path: Any) -> Any:
+    """A user's dynamics of the class, or the object, that the caller hands over.
+
+    Raises
+    ------
+    ValueError
+        If nothing is handed over, or something that is not what was written.
+    """
+    where = meta["own"]["class"]
+    name = str(where).rpartition(":")[2]
+    if given is None:
+        raise ValueError(
+            f"{path}: its dynamics is {where}, a class of its user's, and a file brings no code; hand the class over: "
+            f"SAP.load(path, dynamics={name}), on the command line --dynamics {where}"
+        )
+    model = given
+    if isinstance(given, type):
+        if not meta["own"].get("fields"):
+            raise ValueError(
+                f"dynamics: {path} does not hold all that makes a {name}; hand over an object instead of the class"
+            )
+        try:
+            model = given(**_options(meta, arrays))
+        except TypeError as error:
+            raise ValueError(
+                f"dynamics: {given.__name__} does not take what {path} holds ({error})"
+            ) from None
+    if not is_own(model) or _print(model) != meta["own"]["print"]:
+        raise ValueError(
+            f"dynamics: {type(model).__name__} is not the {where} of {path}: it tells another fingerprint"
+        )
+    return model
+
+
+def _print(dynamics: Any) -> str:
+    """What a user's dynamics tells of itself, as one text."""
+    none = np.zeros(0)
+    return fingerprint((0, 0, 0), Flat(none.astype(np.int64), none.astype(np.int64), none), None, dynamics)
+
+
+def _options(meta: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
+    """The parameters of a dynamics in a file."""
+    prefix = "dynamics."
+    return {key[len(prefix) :]: v for key, v in (meta | arrays).items() if key.startswith(prefix)}
+
+
 def rebuilt(meta: dict[str, Any], arrays: dict[str, Any]) -> Any:
     name = meta["dynamics"]
     if name not in BUILT_IN:
         raise ValueError(f"unknown dynamics {name!r}; the file was written by another version")
-    prefix = "dynamics."
-    options = {key[len(prefix) :]: v for key, v in (meta | arrays).items() if key.startswith(prefix)}
-    return BUILT_IN[name](**options)
+    return BUILT_IN[name](**_options(meta, arrays))

@@ -14,32 +14,21 @@ import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.feasibility import explain_infeasible
-from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.data.naming import Naming
-from sapopt.data.times import checked_times, described_times, rebuilt_times
+from sapopt.data.times import checked_times
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
 from sapopt.dynamics.capabilities import adapt
 from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.problem.capacity import check_room, checked_capacity, overfull
 from sapopt.problem.core import made_core
-from sapopt.problem.description import described, fingerprint, rebuilt
+from sapopt.problem.description import fingerprint
+from sapopt.problem.files import read_problem, write_problem
 from sapopt.problem.limit import Limit, Team, checked_limits
-from sapopt.problem.limit_files import described_limits, rebuilt_limits
+from sapopt.problem.limit_files import described_limits
 from sapopt.problem.result import Evaluation
 from sapopt.problem.row_reader import compiled
 from sapopt.problem.rows import Rows, no_rows
-
-_FORMAT = "sapopt-problem-1"
-_ENTRIES = {
-    "dense": Entry("f", (None, None, None), optional=True),
-    "indptr": Entry("iu", (None,), optional=True),
-    "indices": Entry("iu", (None,), optional=True),
-    "data": Entry("f", (None,), optional=True),
-    "initial_assignment": Entry("iu", (None,), optional=True),
-    "capacity": Entry("iu", (None, None), optional=True),
-}
-_MOST_BYTES = 64 * 2**30  # of the arrays of a file
 
 
 class SAP:
@@ -410,34 +399,15 @@ class SAP:
     def save(self, path: str | Path) -> None:
         """Write the problem to an ``.npz`` file (sparse or dense, as it is).
 
+        A dynamics of a user's own class is written as data: the class' import path, its fingerprint, and, where all the
+        fields of a dataclass are numbers, texts and arrays, those. The class itself has to be handed over to `load`.
+
         Raises
         ------
         ValueError
-            If the dynamics is user-defined: files hold data, never code.
+            If the dynamics is user-defined and has no method ``fingerprint()``.
         """
-        meta, arrays = described(self.dynamics)
-        meta |= {
-            "format": _FORMAT,
-            "agents": self.agents,
-            "tasks": self.tasks,
-            "shape": [self.T, self.n, self.m],
-            **described_times(self.times),
-        }
-        if self.benefits.is_sparse:
-            flat = self.benefits.flat()
-            arrays |= {"indptr": flat.indptr, "indices": flat.indices, "data": flat.data}
-        else:
-            arrays["dense"] = self.benefits.dense() + 0.0  # no negative zeros: equal problems, equal files
-        if self.initial_assignment is not None:
-            arrays["initial_assignment"] = self.initial_assignment
-        if self.capacity is not None:
-            arrays["capacity"] = self.capacity
-        if self.idle:
-            meta["idle"] = True
-        more, weights = described_limits(self.limits)
-        meta |= more
-        arrays |= weights
-        write_npz(path, meta, arrays)
+        write_problem(self, path)
 
     def write(self, path: str | Path) -> None:
         """Write the problem as a mixed-integer programme for other solvers, with readable names.
@@ -462,29 +432,23 @@ class SAP:
         write_programme(self, path)
 
     @classmethod
-    def load(cls, path: str | Path) -> SAP:
+    def load(cls, path: str | Path, dynamics: Any = None) -> SAP:
         """Read a problem written by `save`.
+
+        Parameters
+        ----------
+        path : str or Path
+        dynamics : type or Dynamics, optional
+            For a dynamics of a user's own: the class, or an object of it where the class cannot be made anew from what
+            was written. It must tell the fingerprint that was written. A file never brings code, and nothing that it
+            names is imported.
 
         Raises
         ------
         ValueError
-            If the file is damaged or holds something else.
+            If the file is damaged or holds something else, or the dynamics is missing or another one.
         """
-        meta, arrays = read_npz(path, _FORMAT, _ENTRIES, _MOST_BYTES, prefix=("dynamics.", "limit."))
-        try:
-            if "dense" in arrays:
-                benefits = Benefits(arrays["dense"])
-            else:
-                benefits = Benefits.from_flat(
-                    arrays["indptr"], arrays["indices"], arrays["data"], meta["shape"]
-                )
-            return cls(
-                benefits, rebuilt(meta, arrays), arrays.get("initial_assignment"),
-                capacity=arrays.get("capacity", 1), idle=meta.get("idle", False), limits=rebuilt_limits(meta, arrays),
-                agents=meta["agents"], tasks=meta["tasks"], times=rebuilt_times(meta),
-            )  # fmt: skip
-        except (KeyError, TypeError, OverflowError, MemoryError) as error:
-            raise ValueError(f"{path}: damaged problem file ({error})") from None
+        return cls(**read_problem(path, dynamics))
 
     def _checked_initial(self, initial: Any) -> IntArray | None:
         if initial is None:

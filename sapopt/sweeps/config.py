@@ -42,8 +42,14 @@ class Sweep:
     out: Path | None
 
 
-def read_config(path: str | Path) -> Sweep:
+def read_config(path: str | Path, dynamics: str | None = None) -> Sweep:
     """Read and check the configuration of a sweep.
+
+    Parameters
+    ----------
+    path : str or Path
+    dynamics : str, optional
+        ``MODULE:CLASS``, the class of the user's own dynamics in the problem files; the workers import it.
 
     Raises
     ------
@@ -56,17 +62,19 @@ def read_config(path: str | Path) -> Sweep:
     try:
         with path.open("rb") as file:
             config = tomllib.load(file)
-        return _sweep(config, path.parent)
+        return _sweep(config, path.parent, dynamics)
     except ValueError as error:  # a TOMLDecodeError is one
         raise ValueError(f"{path}: {error}") from None
 
 
-def _sweep(config: dict[str, Any], folder: Path) -> Sweep:
+def _sweep(config: dict[str, Any], folder: Path, dynamics: str | None) -> Sweep:
     for key in config:
         if key not in _KEYS:
             raise ValueError(f"{key}: {_suggestion('unknown key', key, _KEYS)}")
     entries = enumerate(_list(config, "instances"))
     instances = [_instance(entry, f"instances[{at}]", folder) for at, entry in entries]
+    if dynamics is not None:
+        instances = [{**one, "dynamics": dynamics} if "file" in one else one for one in instances]
     solvers = [_solver(entry, f"solvers[{at}]") for at, entry in enumerate(_list(config, "solvers"))]
     seeds = _list(config, "seeds") if "seeds" in config else [0]
     for at, seed in enumerate(seeds):
@@ -100,7 +108,11 @@ def _sweep(config: dict[str, Any], folder: Path) -> Sweep:
 
 def instance_label(instance: dict[str, Any]) -> str:
     """Name of an instance with the options that differ from its own."""
-    options = [f"{key}={value}" for key, value in instance.items() if key not in ("name", "file", "sha256")]
+    options = [
+        f"{key}={value}"
+        for key, value in instance.items()
+        if key not in ("name", "file", "sha256", "dynamics")
+    ]
     name = Path(instance["file"]).name if "file" in instance else instance["name"]
     return " ".join([name, *options])
 

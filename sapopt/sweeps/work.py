@@ -57,8 +57,17 @@ def _problem(instance: str, seed: int) -> SAP:
 
     options = json.loads(instance)
     if "file" in options:
-        return SAP.load(options["file"])
+        named = options.get("dynamics")
+        return SAP.load(options["file"], _own(options["file"], named) if named else None)
     return build(options.pop("name"), seed, **options)
+
+
+def _own(path: str, named: str) -> Any:
+    """The class of the user's own dynamics; None for a file that holds one of sapopt's."""
+    from sapopt.problem.files import brings_own
+    from sapopt.sweeps.handed import handed_over
+
+    return handed_over(named) if brings_own(path) else None
 
 
 _warm: set[str] = set()
