@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from sapopt.data.matrices import GainMatrix, Matrix
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.data.windows import WindowSums
 from sapopt.dynamics.base import AgentColumns, Model, Setting
 from sapopt.dynamics.paths.oracles import LocalModel
 
@@ -22,10 +25,13 @@ class IdlePlace(Model):
     ----------
     inner : Model
         Bound to benefits with a last task of zero benefit.
+    place : int
+        That task.
     """
 
-    def __init__(self, inner: Model) -> None:
+    def __init__(self, inner: Model, place: int) -> None:
         self.inner = inner
+        self.place = place
         self.handover_limit = None if inner.handover_limit is None else max(0.0, inner.handover_limit)
         self.handover_floor = inner.handover_floor
 
@@ -56,6 +62,38 @@ class IdlePlace(Model):
         eta = np.array(self.inner.handover(k, state), dtype=np.float64)
         eta[:, -1] = 0.0
         return eta
+
+    def handover_at(self, k: int, state: Any, assignment: IntArray) -> FloatArray:
+        """The rule's, nothing for going idle."""
+        if self.interacts:
+            return super().handover_at(k, state, assignment)
+        eta = np.asarray(self.inner.handover_at(k, state, assignment), dtype=np.float64)
+        return np.where(assignment == self.place, 0.0, eta)
+
+    def interval(self, windows: WindowSums, start: int, stop: int, state: Any) -> Matrix:
+        """The window sum plus the handover at `start`; in sparse form where the rule has one and one cost."""
+        rule = self.inner.switching()
+        if rule is not None and rule.uniform_cost is not None and windows.is_sparse:
+            found = self.inner.interval(windows, start, stop, state)
+            if isinstance(found, GainMatrix):
+                return self._resting(found)
+        return super().interval(windows, start, stop, state)
+
+    def _resting(self, matrix: GainMatrix) -> GainMatrix:
+        """A matrix in which idleness is worth 0."""
+        n = len(matrix.held)
+        rests = np.flatnonzero(matrix.held != self.place)
+        row = np.concatenate([np.repeat(np.arange(n), np.diff(matrix.row_start)), rests])
+        task = np.concatenate([matrix.tasks, np.full(len(rests), self.place, dtype=matrix.tasks.dtype)])
+        gain = np.concatenate([matrix.gains, np.full(len(rests), -matrix.rest)])
+        order = np.lexsort((task, -gain, row))
+        row_start = np.zeros(n + 1, dtype=np.int64)
+        np.cumsum(np.bincount(row, minlength=n), out=row_start[1:])
+        held_gain = np.where(matrix.held == self.place, -matrix.rest, matrix.held_gain)
+        return replace(
+            matrix, row_start=row_start, tasks=task[order], gains=gain[order], held_gain=held_gain,
+            has_negative=bool(gain.min(initial=0.0) < 0),
+        )  # fmt: skip
 
     def transition(self, k: int, state: Any, assignment: IntArray) -> Any:
         """That of the rule."""

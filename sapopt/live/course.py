@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -108,13 +109,19 @@ class Course:
         except InfeasibleError as error:
             raise InfeasibleError(with_names(str(error), self.window.agents, self.window.tasks)) from None
 
-    def go_on(self, has_time: Callable[[], bool]) -> None:
-        """Fill the rest of the window: by the best assignment of each step, or when time is short by staying."""
+    def go_on(self, has_time: Callable[[float], bool]) -> None:
+        """Fill the rest of the window: by the best assignment of each step, or when time is short by staying.
+
+        `has_time` says whether there is time for something that takes so many seconds.
+        """
+        longest = 0.0
         while not self.is_whole:
-            if self.plan and not has_time() and self._may_stay():
+            if self.plan and not has_time(2.0 * longest) and self._may_stay():
                 self.play(self.plan[-1])
             else:
+                began = time.perf_counter()
                 self.play(self.best())
+                longest = max(longest, time.perf_counter() - began)
 
     @property
     def value(self) -> float:

@@ -109,7 +109,7 @@ def _thought(
     if np.isinf(times.due):
         return _asked(settings, course.copy(), memory, step, np.inf, _never), None
     thought: Thought[_Answer] | None = None
-    if (pace.thought is None or pace.thought.is_over) and time.perf_counter() < times.think_until:
+    if time.perf_counter() < times.think_until and pace.may_think():
         own = course.copy()
         # on the clock that stands still while kernels are compiled
         until = clock.now() + times.think_until - time.perf_counter()
@@ -122,7 +122,7 @@ def _thought(
         return None, sure
     slack = 0.5 * (times.due - times.think_until)  # for what a policy does after it has stopped to think
     answer = thought.answer(times.think_until + slack)
-    pace.answered = time.perf_counter()
+    pace.heard(answer is not None)
     return answer, sure
 
 

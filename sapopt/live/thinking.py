@@ -20,6 +20,7 @@ _MOST_REST = 0.6
 _SAFETY = 1.3
 _FORGETTING = 0.8
 """What is left, from call to call, of a time that was longer than the last."""
+_LONGEST_PAUSE = 31
 OVERHEAD_S = 0.004
 """Time for waking up, and for the answer itself."""
 
@@ -86,12 +87,17 @@ class Pace:
         Seconds that lately went by between the policy's answer and that of the session.
     answered : float or None
         When the policy answered, within a call.
+    missed, pause : int
+        How often in a row the policy had no answer, and for how many calls it is not asked again: what was told to stop
+        may go on for a while and takes the processor from those that follow.
     thought, proof : Thought or None
         The last work that was not waited for.
     """
 
     rest: float | None = None
     answered: float | None = None
+    missed: int = 0
+    pause: int = 0
     thought: Thought[Any] | None = None
     proof: Thought[Any] | None = None
 
@@ -101,6 +107,19 @@ class Pace:
             return Times(np.inf, np.inf)
         rest = _FIRST_REST * budget if self.rest is None else _SAFETY * self.rest
         return Times(began + budget, began + budget - min(rest + OVERHEAD_S, _MOST_REST * budget))
+
+    def may_think(self) -> bool:
+        """Whether to ask the policy at this call."""
+        if self.pause:
+            self.pause -= 1
+            return False
+        return self.thought is None or self.thought.is_over
+
+    def heard(self, answered: bool) -> None:
+        """The policy had an answer in time, or none."""
+        self.answered = time.perf_counter()
+        self.missed = 0 if answered else self.missed + 1
+        self.pause = min(2**self.missed - 1, _LONGEST_PAUSE) if self.missed > 1 else 0
 
     def done(self) -> None:
         """A decision with a budget is made: learn from it."""
@@ -122,6 +141,6 @@ class Times:
         """Seconds until the answer is due."""
         return self.due - OVERHEAD_S - time.perf_counter()
 
-    def has_time(self) -> bool:
-        """Whether there is time for more than the least."""
-        return self.left > 0
+    def has_time(self, seconds: float = 0.0) -> bool:
+        """Whether there is time for something that takes so long."""
+        return self.left > seconds

@@ -38,7 +38,7 @@ def made_core(problem: Any) -> Any:
     core.initial_assignment = None if initial is None else problem.placed(initial)
     core.benefits = closing(problem.benefits, None, idle)
     model = _adapted(problem, core)  # which may not like forbidden pairs, and never plays one
-    core.model = IdlePlace(model) if idle and not model.idles_freely else model
+    core.model = IdlePlace(model, core.m - 1) if idle and not model.idles_freely else model
     core.benefits = closing(problem.benefits, problem.capacity, idle)
     return core
 

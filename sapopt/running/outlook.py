@@ -142,8 +142,7 @@ class Outlook:
         order = self.parking if parking is None else parking
         try:
             if self.rules is not None:
-                dense = matrix.toarray() if isinstance(matrix, GainMatrix) else matrix
-                return self.rules.assign(dense, start, stop)
+                return self.rules.assign(matrix, start, stop)
             return best_assignment(matrix, order).tasks
         except InfeasibleError as error:
             raise InfeasibleError(f"step {self.k}: {error}") from None

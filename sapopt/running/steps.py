@@ -13,7 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt.data.feasibility import InfeasibleError
-from sapopt.data.transport import short_of_room, transported
+from sapopt.data.matrices import GainMatrix, Matrix
+from sapopt.data.transport import LARGE, beside_rest, rests_beside, short_of_room, transported
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.rows import Weights
 from sapopt.problem.sap import SAP
@@ -124,7 +125,7 @@ class StepRules:
     k: int
     weights: sp.csr_array
 
-    def assign(self, matrix: FloatArray, start: int, stop: int, *, priced: bool = False) -> IntArray:
+    def assign(self, matrix: Matrix, start: int, stop: int, *, priced: bool = False) -> IntArray:
         """The best assignment for the steps ``start .. stop - 1``, within the limits if it begins at this very step.
 
         With `priced` the matrix already contains what soft limits cost, so only hard ones are looked at: then a
@@ -138,7 +139,12 @@ class StepRules:
         problem = self.ledger.problem
         assert problem.capacity is not None
         room = np.minimum(problem.capacity[start:stop].min(axis=0), problem.n)
-        if start != self.k or not len(self._active):
+        is_free = start != self.k or not len(self._active)
+        if isinstance(matrix, GainMatrix):
+            if is_free and rests_beside(room, problem.rows.idle) and problem.n * problem.m >= LARGE:
+                return beside_rest(matrix, problem.rows.idle)
+            matrix = matrix.toarray()
+        if is_free:
             return self._resting(matrix, transported(matrix, room))
         tried = np.where(self._closed, -np.inf, matrix)
         try:
