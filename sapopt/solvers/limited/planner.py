@@ -16,7 +16,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.formulations.limited.ascent import Ascent
-from sapopt.formulations.limited.building import path_graph
+from sapopt.formulations.limited.building import path_graph, tightened
 from sapopt.formulations.limited.conflict import explain
 from sapopt.formulations.limited.dual import LimitedDual
 from sapopt.formulations.limited.graph import PathGraph
@@ -32,7 +32,7 @@ from sapopt.solvers.limited.neighbourhoods import improved, worth
 from sapopt.solvers.limited.rolling import rolling_plan
 
 _DUAL_SHARE = 0.35
-"""Share of the time that the first ascent may take."""
+"""Share of the time that the first ascents may take."""
 _FIRST_LOSS = 0.05
 """Loss of the arcs of the first programme, relative to the typical gain; each further one takes four times as much."""
 _SMALL = 3000
@@ -121,31 +121,32 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     SolverError
         If time ended before any plan was found.
     """
-    graph = path_graph(problem)
+    whole = path_graph(problem, tight=False)
+    graph = tightened(whole)
     search = _Search(problem, run, name, tolerance)
     if run.start is not None:
         search.offer(run.start, "start")
         search.offer(tidied(problem, run.start), "start")
-    seconds = _DUAL_SHARE * run.seconds_left
-    ascent = Ascent(
-        graph,
-        clock.now() + seconds,
-        lambda count, bound: search.report(-np.inf, bound),
-        search.value,
-        tolerance,
-    )
-    dual = ascent.run()
-    search.bound = dual.bound
+    stop_at = clock.now() + _DUAL_SHARE * run.seconds_left
+
+    def ascent(graph: PathGraph, stop_at: float) -> Ascent:
+        return Ascent(graph, stop_at, lambda _, bound: search.report(-np.inf, bound), search.value, tolerance)
+
+    # Prices of the whole graph are what a certificate can hold; those of the tight one prove more, and plan better.
+    proven = dual = ascent(whole, stop_at if graph is whole else 0.5 * (clock.now() + stop_at)).run()
+    if graph is not whole and np.isfinite(proven.bound):
+        dual = ascent(graph, stop_at).run(proven.prices)
+    search.bound = min(dual.bound, proven.bound)
     search.note("prices")
     if not np.isfinite(dual.bound):
-        raise InfeasibleError(explain(path_graph(problem, tight=False)))
+        raise InfeasibleError(explain(whole))
     try:
         if graph.arcs > _SMALL:
             _from_prices(search, graph, dual)
-        _programmes(search, graph, dual)
+        _programmes(search, graph, whole, dual)
     except KeyboardInterrupt:
         run.stopped = True
-    return _outcome(search, dual)
+    return _outcome(search, proven)
 
 
 def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
@@ -188,7 +189,7 @@ def _promising(graph: PathGraph, plan: IntArray, loss: FloatArray) -> tuple[Path
     return graph.restricted(keep), loss[keep]
 
 
-def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
+def _programmes(search: _Search, graph: PathGraph, full: PathGraph, dual: LimitedDual) -> None:
     rows, run = search.problem.rows, search.run
     loss = graph.through(graph.priced(dual.prices.effective(rows), dual.prices.limits))
     allowed = _FIRST_LOSS * graph.scale
@@ -213,7 +214,7 @@ def _programmes(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
         search.bound = min(search.bound, max(inside, outside, search.value))
         search.note("programme")
         if whole and answer.ending is Ending.INFEASIBLE and search.best is None:
-            raise InfeasibleError(explain(path_graph(search.problem, tight=False)))
+            raise InfeasibleError(explain(full))
         if whole:
             return
         if search.value > before and graph.arcs > _SMALL and search.best is not None:
