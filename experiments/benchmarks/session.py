@@ -1,6 +1,6 @@
 """A session of `DualLookahead` on a constellation that changes all the time: times, value, and a killed process.
 
-    python -m experiments.benchmarks.session [--steps 500] [--budget-ms 100] [--seed 0] [--out FOLDER]
+    python -m experiments.benchmarks.session [--steps 500] [--budget-ms 100] [--seed 0] [--idle] [--out FOLDER]
 
 1000 satellites (40 x 25 at 70 degrees), 1250 tasks at random places within 70 degrees of the equator. Every ten steps a
 tenth of the tasks is replaced, and three satellites fail for good. Four parts, each a process of its own (`--part`):
@@ -114,7 +114,8 @@ def run(part: str, options: argparse.Namespace) -> None:
     world = World(options.steps, options.seed)
     half, path = options.steps // 2, options.out / "session.npz"
     budget = options.budget_ms / 1000 if part == "budget" else None
-    session = Session.load(path) if part == "resumed" else Session(DualLookahead(WINDOW), SwitchingCost(COST))
+    new = Session(DualLookahead(WINDOW), SwitchingCost(COST), idle=options.idle)
+    session = Session.load(path) if part == "resumed" else new
     window, agents, tasks = next(world.calls())
     warm = session.warm(window, agents=agents, tasks=tasks, budget_s=budget)
     first, last = {"resumed": (half, options.steps), "killed": (0, half)}.get(part, (0, options.steps))
@@ -129,7 +130,8 @@ def summary(options: argparse.Namespace) -> dict[str, Any]:
     """What the parts that are there say together."""
     rows = {part: json.loads((options.out / f"{part}.json").read_text())["rows"] for part in PARTS
             if (options.out / f"{part}.json").exists()}  # fmt: skip
-    report: dict[str, Any] = {"seed": options.seed, "steps": options.steps, "budget_ms": options.budget_ms}
+    report: dict[str, Any] = {"seed": options.seed, "steps": options.steps, "budget_ms": options.budget_ms,
+                              "idle": options.idle}  # fmt: skip
     for part in ("budget", "free"):
         if part in rows:
             ms = np.array([row["ms"] for row in rows[part]])
@@ -139,7 +141,7 @@ def summary(options: argparse.Namespace) -> dict[str, Any]:
                 "ms": {f"p{q}": float(np.percentile(ms, q)) for q in (50, 90, 99, 100)},
                 "share_within_budget": float((ms <= options.budget_ms).mean()),
                 "with_bound": len(proven) / len(ms),
-                "mean_window_gap": float(np.mean([1 - row["value"] / row["bound"] for row in proven])),
+                "mean_window_gap": float(np.mean([1 - row["value"] / row["bound"] for row in proven] or [np.nan])),
                 "status": {name: sum(row["status"] == name for row in rows[part]) / len(ms)
                            for name in ("complete", "short", "fallback")},
             }  # fmt: skip
@@ -160,6 +162,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--budget-ms", type=float, default=100.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--idle", action="store_true", help="satellites may hold nothing")
     parser.add_argument("--part", choices=(*PARTS, "report"), help="one part alone, here")
     parser.add_argument("--out", type=Path, default=Path("results/session"))
     options = parser.parse_args()
@@ -177,6 +180,7 @@ def main() -> None:
                 "--seed",
                 str(options.seed),
             ]
+            own += ["--idle"] * options.idle
             command = [sys.executable, "-m", "experiments.benchmarks.session", "--part", part, *own]
             done = subprocess.run([*command, "--out", str(options.out)], check=False)
             if done.returncode != (-signal.SIGKILL if part == "killed" else 0):

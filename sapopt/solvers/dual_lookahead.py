@@ -206,7 +206,9 @@ class DualLookahead:
                 if now >= until:
                     break
                 if iteration % _RENEWAL == 0:
-                    if now > began and np.isfinite(until):  # cool down in the steps that there is time for
+                    if (
+                        iteration and now > began and np.isfinite(until)
+                    ):  # cool down in the steps that there is time for
                         affordable = int(_PLANNED * (until - now) / (now - began) * iteration)
                         descent = descent.replanned(iteration, min(iterations - iteration, affordable))
                         if iteration >= descent.iterations:
