@@ -23,6 +23,7 @@ from sapopt.dynamics.switching import narrow as narrow
 from sapopt.dynamics.switching import soft_idle as soft_idle
 from sapopt.dynamics.switching import soft_strict as soft
 from sapopt.dynamics.switching.layout import Slots, Waiting, Window
+from sapopt.dynamics.switching.soft_matrix import soft_matrix_paths
 from sapopt.dynamics.switching.soft_strict import SoftWaiting
 from sapopt.kernels.blocks import in_blocks, summed_in_blocks, work_array
 
@@ -385,6 +386,15 @@ class MatrixSwitching(_Switching):
             scratch=lambda: (work_array(m), work_array(m, dtype=np.bool_)), turns=float(T * n * m * m),
         )  # fmt: skip
         return out
+
+    @property
+    def coldest(self) -> float:
+        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
+        return float(self.window.cost.max(initial=0.0)) / 300.0
+
+    def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
+        """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
+        return soft_matrix_paths(self.window, self.idle_is_free, self._prices(prices), float(temperature))
 
 
 def oracle(benefits: Any, dynamics: Any, state: Any = None) -> PathOracle:

@@ -17,6 +17,9 @@ Found = tuple[str, IntArray]
 Reprice = Callable[[int, Any, FloatArray], FloatArray]
 """``reprice(k, state, prices of the steps k..T-1)``: better prices for what is left of the problem at step k."""
 
+_SWEEPING_SHARE, _FEWEST_SWEEPS = 0.3, 3
+"""Share of the time left that a round of sweeps may take, and how many it has at least."""
+
 ROLLING, REPRICED, SWEEPS = "rolling assignment", "repriced assignment", "path sweeps"
 """Phases that every builder has."""
 
@@ -128,11 +131,15 @@ def path_sweeps(search: Search, builder: PlanBuilder) -> Iterator[Found]:
     if problem.n == problem.m:
         return  # every task is taken: no agent can move by itself
     plan, prices, count = search.best, search.settled_prices, search.sweep_count
-    for q in range(count):
-        plan = builder.sweep(
-            plan, prices * (1.0 - q / max(count - 1, 1)), search.rng, lambda: search.seconds_left
-        )
+    done, began = 0, search.seconds_left
+    while done < count:
+        share = 1.0 - done / max(count - 1, 1)
+        plan = builder.sweep(plan, prices * share, search.rng, lambda: search.seconds_left)
         yield SWEEPS, plan
+        done += 1
+        if done == 1 and math.isfinite(began):  # the prices have to come down to nothing in the time there is
+            took = max(began - search.seconds_left, 1e-9)
+            count = min(count, max(_FEWEST_SWEEPS, int(_SWEEPING_SHARE * began / took)))
 
 
 def closed_prices(prices: FloatArray, plan: IntArray) -> FloatArray:

@@ -26,7 +26,7 @@ from sapopt.solvers.dual_decomposition.exchanges import Exchanges
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
-from sapopt.solvers.dual_decomposition.plans import REPRICED, Found, PlanBuilder, Reprice, path_sweeps
+from sapopt.solvers.dual_decomposition.plans import REPRICED, SWEEPS, Found, PlanBuilder, Reprice, path_sweeps
 from sapopt.solvers.dual_decomposition.repricing import repriced
 from sapopt.solvers.haal import HAA
 from sapopt.solvers.limited.planner import plan_limited
@@ -63,6 +63,9 @@ _FORGETTING = 0.25
 
 _MOST_FAILURES = 9
 """Exchanges without a better plan, each twice as long as the last, after which no more are tried."""
+
+_GLANCE, _GLANCE_SHARE, _GLANCE_SWEEPS = 24, 0.04, 2
+"""Dual iterations, share of the time limit and sweeps of a first glance, which gives an early plan."""
 
 _LEAST_CELLS = 300
 """Agents times steps below which networks and sweeps say all there is to say."""
@@ -267,6 +270,8 @@ class _Search:
     def steps(self) -> Iterator[None]:
         """Work on; a caller may stop at every yield."""
         limit = self.run.time_limit
+        if limit is not None and self.problem.n < self.problem.m:
+            yield from self.glance(_GLANCE_SHARE * limit)
         self.ascend(math.inf if limit is None else _DUAL_SHARE * limit)
         yield
         yield from self.offered(self.builder.rolling(self))
@@ -277,6 +282,23 @@ class _Search:
         else:
             yield from self.offered(path_sweeps(self, self.builder))
             yield from self.rounds_of_plans()
+
+    def glance(self, seconds: float) -> Iterator[None]:
+        """An early plan, by sweeps under prices of a few iterations."""
+        self.ascend(seconds, _GLANCE)
+        until = self.run.seconds + seconds
+        plan = self.best
+        for share in np.linspace(1.0, 0.0, _GLANCE_SWEEPS):
+            left = min(until - self.run.seconds, self.seconds_left)
+            if left <= 0 or self.gap <= self.options.tolerance:
+                break
+            plan = self.builder.sweep(
+                plan, self.settled_prices * share, self.rng, lambda: until - self.run.seconds
+            )
+            self.offer(plan, SWEEPS)
+            yield
+        if self.gap > self.options.tolerance:
+            self.dual, self.settled = None, False  # the true descent begins anew, and hot
 
     def rounds_of_plans(self) -> Iterator[None]:
         """Improve the best plan by what pays, and the prices beside, until neither gets better."""
@@ -361,8 +383,8 @@ class _Search:
             self.offer(plan, phase)
             yield
 
-    def ascend(self, seconds: float) -> None:
-        """Improve the prices for some time."""
+    def ascend(self, seconds: float, most: int | None = None) -> None:
+        """Improve the prices for some time, in at most so many iterations."""
         if self.settled:
             return
         began = self.run.seconds
@@ -378,10 +400,10 @@ class _Search:
         anew = self.dual is None or self.builder.lives_on_prices
         self.dual = ascend(
             _oracle(self.options, self.problem, 0, self.problem.initial_state()),
-            self.prices,
+            None if self.dual is None else self.prices,
             state=None if anew or self.dual is None else self.dual.state,
             time_limit=None if math.isinf(seconds) else max(0.0, min(seconds, self.seconds_left)),
-            max_iterations=self.options.iterations - self.iterations,
+            max_iterations=min(most or self.options.iterations, self.options.iterations - self.iterations),
             target=self.value,
             tolerance=self.options.tolerance,
             callback=tell,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from sapopt.data.types import FloatArray
+from sapopt.data.types import FloatArray, root_mean_square
 from sapopt.kernels.jit import njit
 from sapopt.problem.sap import SAP
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
@@ -18,6 +18,10 @@ Cells = npt.NDArray[np.int32]
 
 _MOST = 4_000_000
 """Most cells that are kept."""
+
+
+_SMALL = 0.5
+"""Share of a typical benefit that is small."""
 
 
 def good_cells(problem: SAP, prices: FloatArray, regret: float, most: int = _MOST) -> Cells:
@@ -31,7 +35,7 @@ def good_cells(problem: SAP, prices: FloatArray, regret: float, most: int = _MOS
     Notes
     -----
     Under a plain switching cost the loss is that of the whole path; else that of the step alone, against the agent's
-    best pair of it, and only pairs with a benefit are listed.
+    best pair of it, and only pairs whose benefit is not small are listed.
     """
     if problem.model.switching() is not None:
         cells, loss = _by_path(Arrays.of(problem), prices, regret, most)
@@ -100,7 +104,7 @@ def near_cells(rows, initial, prices, regret, local, tasks, scratch, cells, loss
 def _by_step(problem: SAP, prices: FloatArray) -> tuple[Cells, FloatArray]:
     flat = problem.benefits.flat()
     row = np.repeat(np.arange(problem.T * problem.n), np.diff(flat.indptr))
-    keep = flat.data > 0.0
+    keep = flat.data > _SMALL * root_mean_square(flat.data)
     row, task, data = row[keep], flat.indices[keep], flat.data[keep]
     step, agent = np.divmod(row, problem.n)
     gain = data - prices[step, task]

@@ -24,6 +24,9 @@ PHASE = "exchanges"
 _HEATS = (0.35, 0.2, 0.1, 0.05)
 """First temperatures, in typical benefits. The hottest forgets most of the plan: it is for poor plans and much time."""
 
+_COLDER, _GOOD_GAP = 2, 0.01
+"""Where the temperatures begin if the plan is good already (its gap small), or time is short."""
+
 _COLD = 0.15
 """The last temperature, as a share of the first."""
 
@@ -71,7 +74,7 @@ class Exchanges:
     rule: Any
     threads: int
     quiet: int = 0
-    _heat: int = 0
+    _heat: int | None = None
     _factor: float = 1.0
     _pace: float = 1e6  # moves a second of one thread
     _prices: FloatArray | None = None
@@ -90,9 +93,12 @@ class Exchanges:
             self._prices = search.settled_prices
             self._cells = good_cells(self.problem, self._prices, _REGRET * scale)
         moves = int(self._factor * _MOVES_PER_CELL * max(len(self._cells), 100))
-        seconds = math.inf
-        if math.isfinite(search.seconds_left):
-            seconds = min(moves / self._pace, _LARGEST_SHARE * search.seconds_left)
+        seconds = min(moves / self._pace, _LARGEST_SHARE * search.seconds_left)
+        hurried = seconds < moves / self._pace
+        if math.isinf(search.seconds_left):
+            seconds = math.inf
+        if self._heat is None:
+            self._heat = _COLDER if hurried or search.gap < _GOOD_GAP else 0
         heats = [(self._heat + thread) % len(_HEATS) for thread in range(self.threads)]
         jobs = [
             _Annealing(self, search.best.copy(), search.rng.integers(1, 2**31 - 400, size=2), _HEATS[heat] * scale)
