@@ -135,13 +135,13 @@ def summary(options: argparse.Namespace) -> dict[str, Any]:
     for part in ("budget", "free"):
         if part in rows:
             ms = np.array([row["ms"] for row in rows[part]])
-            proven = [row for row in rows[part] if row["bound"] is not None]
+            gaps = [1 - row["value"] / row["bound"] for row in rows[part] if row["bound"] is not None]
             report[part] = {
                 "value": sum(row["gained"] for row in rows[part]),
                 "ms": {f"p{q}": float(np.percentile(ms, q)) for q in (50, 90, 99, 100)},
                 "share_within_budget": float((ms <= options.budget_ms).mean()),
-                "with_bound": len(proven) / len(ms),
-                "mean_window_gap": float(np.mean([1 - row["value"] / row["bound"] for row in proven] or [np.nan])),
+                "with_bound": len(gaps) / len(ms),
+                "mean_window_gap": float(np.mean(gaps)) if gaps else None,
                 "status": {name: sum(row["status"] == name for row in rows[part]) / len(ms)
                            for name in ("complete", "short", "fallback")},
             }  # fmt: skip
