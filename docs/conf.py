@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("MPLBACKEND", "Agg")
+# For the notebooks' kernels, whatever the caller has set: with another backend no figure would be on their pages.
+os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 
 import sapopt
 
@@ -36,4 +37,4 @@ html_title = f"sapopt {release}"
 html_theme_options = {"navigation_with_keys": True}
 html_show_sphinx = False
 html_static_path = ["_static"]
-html_css_files = ["tables.css"]
+html_css_files = ["site.css"]
