@@ -5,11 +5,13 @@ from __future__ import annotations
 import base64
 import platform
 from collections.abc import Mapping
+from datetime import datetime
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from sapopt.data.times import Time, step_ends
 from sapopt.data.types import FloatArray
 from sapopt.plotting.aboard import aboard
 from sapopt.plotting.coastline import coastline_data
@@ -48,12 +50,28 @@ def payload(
         "dynamics": repr(problem.dynamics),
         "agents": None if problem.agents is None else list(problem.agents),
         "tasks": _task_labels(problem),
+        "times": _times(problem),
         "initial": None if initial is None else problem.placed(initial).tolist(),
         "bound": bound,
         "prices": None if prices is None else _levels(np.maximum(prices, 0.0), np.uint16),
         "results": [_told(problem, name, result, bound) for name, result in results.items()],
         "map": _map(problem, scenario),
     }
+
+
+def _times(problem: SAP) -> list[str] | None:
+    """When every step begins, and when the last one ends; None where steps are only counted."""
+    if problem.times is None:
+        return None
+    end = step_ends(problem.times)[-1]
+    return [
+        *(_moment(time) for time in problem.times),
+        "the end" if end is None else _moment(end),
+    ]
+
+
+def _moment(time: Time) -> str:
+    return time.isoformat(" ", "minutes") if isinstance(time, datetime) else str(time)
 
 
 def _task_labels(problem: SAP) -> list[str] | None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from webdriver import KEYS, Browser, missing
 
@@ -122,6 +123,56 @@ def test_slider_and_handovers(desk: Browser, own: Path, problem: SAP, results: d
     after = pixels(desk, "cumulative"), pixels(desk, "timeline"), pixels(desk, "heat")
     assert all(a != b for a, b in zip(before, after, strict=True))
     assert desk.messages() == []
+
+
+def cells(browser: Browser) -> list[list[str]]:
+    """The table of stays as it is shown."""
+    frames(browser)
+    rows = "[...document.querySelectorAll('#staytable tbody tr')]"
+    return [
+        [str(text) for text in row]
+        for row in browser.run(f"return {rows}.map(r => [...r.cells].map(c => c.textContent))")
+    ]
+
+
+def test_stays(desk: Browser, own: Path, results: dict[str, Result]) -> None:
+    """The table has the stays that earn something, finds them by agent and task, and can be copied and followed."""
+    opened(desk, own)
+    best = max(results.values(), key=lambda r: r.value)
+    worth = [stay for stay in best.stays() if stay.benefit > 0]
+    wanted = [
+        [str(s.agent), str(s.task), str(int(str(s.start)) + 1), str(s.stop)] for s in worth
+    ]  # counted from 1
+    shown = cells(desk)
+    assert [row[:4] for row in shown] == wanted
+    assert [float(row[4]) for row in shown] == pytest.approx([s.benefit for s in worth], abs=5e-3)
+    desk.run(
+        "const e = document.getElementById('search'); e.value = 'GRACE ward'; e.dispatchEvent(new Event('input'))"
+    )
+    found = [row for row in wanted if row[0] == "Grace" and row[1].startswith("ward")]
+    assert 0 < len(found) < len(wanted)
+    assert [row[:4] for row in cells(desk)] == found
+    assert desk.text("#staycount") == f"{len(found)} of {len(wanted)} stays"
+    desk.click("#copy")
+    desk.wait("return document.getElementById('staycount').textContent.includes('copied')")
+    assert desk.text("#staycount").startswith(f"{len(found)} rows copied")
+    desk.click("#staytable button")
+    frames(desk)
+    assert desk.text("#nowstep") == f"{found[0][2]} of 12"
+    assert "Grace" in desk.text("#follow")
+    assert desk.messages() == []
+
+
+def test_stays_by_the_clock(desk: Browser, tmp_path: Path) -> None:
+    """Where steps have times, stays begin and end by them."""
+    times = [
+        "2026-03-29T01:00+01:00",
+        "2026-03-29T03:00+02:00",
+        "2026-03-29T04:00+02:00",
+    ]  # clocks go forward
+    problem = SAP(np.ones((3, 1, 1)), agents=["Ada"], tasks=["lab"], times=times)
+    opened(desk, report(problem, solve(problem, HAA()), tmp_path / "clock.html"))
+    assert cells(desk) == [["Ada", "lab", "2026-03-29 01:00+01:00", "2026-03-29 05:00+02:00", "3.00"]]
 
 
 def test_choosing_a_solver(desk: Browser, toy: Path) -> None:

@@ -59,7 +59,7 @@ function flushStep(all) {
 
 function keys(event) {
   const target = event.target, tag = target.tagName;
-  if (event.ctrlKey || event.metaKey || event.altKey || tag === "SELECT" || (tag === "INPUT" && target.type === "number")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || tag === "SELECT" || (tag === "INPUT" && (target.type === "number" || target.type === "search"))) return;
   if (event.key === " " && tag !== "BUTTON" && tag !== "INPUT") { event.preventDefault(); play(!state.playing); }
   if (tag === "INPUT") return;
   const move = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10 }[event.key];
@@ -82,6 +82,7 @@ function start() {
   chart("cumulative", cumulativeChart, goTo);
   chart("steps", stepsChart, goTo);
   startTimeline();
+  startStays();
   startHeat();
   if (R.some((r) => r.trace.length > 1)) { byId("proof").hidden = false; chart("gap", gapChart); }
   setStep(0);
