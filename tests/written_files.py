@@ -23,6 +23,7 @@ from sapopt.learning.logs import TrainingLog
 from sapopt.learning.network import new_network, save_network
 from sapopt.learning.observation import ObservationSpec
 from sapopt.learning.resume import Standing
+from sapopt.live import Session
 from sapopt.report import report
 from sapopt.solvers import HAA
 from sapopt.solvers.charge_value import ChargeValue
@@ -62,6 +63,9 @@ def written() -> dict[str, Callable[[Path], Any]]:
     """Writers by the name of their file; each takes the whole path."""
     result = solve(PROBLEM, HAA())
     proven = bound(PROBLEM)
+    session = Session(HAA(), 0.4, idle=True)
+    benefits = np.random.default_rng(1).random((1, 60, 80))
+    session.step(benefits, agents=[f"agent {i}" for i in range(60)], tasks=[f"task {j}" for j in range(80)])
     earth = scenario("constellation-toy", steps=2)
     toy = earth, solve(earth.problem(), HAA())
     certificate = certify(PROBLEM, result.with_bound(proven.value, proven.prices))
@@ -82,6 +86,7 @@ def written() -> dict[str, Callable[[Path], Any]]:
         "plan.czml": lambda path: write_czml(toy[1], path, toy[0]),
         "p.lp": lambda path: PROBLEM.write(path),
         "p.mps": lambda path: PROBLEM.write(path),
+        "session": session.save,
         "qap": qap.formulate(SAP(np.ones((3, 5, 5)), 0.4)).write_qaplib,
         "weights": lambda path: save_network(NETWORK, path),
         "checkpoint": save_checkpoints,
@@ -96,6 +101,6 @@ def written() -> dict[str, Callable[[Path], Any]]:
 KINDS = (
     "problem", "result", "certificate", "prices", "json", "figure", "page", "table", "plan.csv", "plan.xlsx",
     "plan.parquet", "plan.json", "plan.geojson", "plan.czml",
-    "p.lp", "p.mps", "qap", "weights", "checkpoint", "standing", "log.csv",
+    "p.lp", "p.mps", "session", "qap", "weights", "checkpoint", "standing", "log.csv",
     f"{JOB.key}.json", "experiment.json", "experiment.png",
 )  # fmt: skip

@@ -107,7 +107,7 @@ def test_every_kind_is_tried(writers: dict[str, Callable[[Path], Any]]) -> None:
             using.add(path.relative_to(ROOT).as_posix())
     assert using == {
         "sapopt/data/files.py",
-        "sapopt/problem/files.py", "sapopt/problem/result.py", "sapopt/proofs/certificate.py",
+        "sapopt/problem/files.py", "sapopt/live/saving.py", "sapopt/problem/result.py", "sapopt/proofs/certificate.py",
         "sapopt/exchange/files.py", "sapopt/exchange/programmes.py",
         "sapopt/exchange/czml.py", "sapopt/exchange/geojson.py",
         "sapopt/cli/output.py", "sapopt/cli/proving.py", "sapopt/cli/solving.py",  # prices, JSON, figures
