@@ -60,7 +60,7 @@ def main() -> None:
     for seed in seeds:
         for size in sizes:
             steps = options.steps + options.window
-            built = c.walker_constellation(SHELLS[size], c.random_tasks(size, seed), steps)
+            built = c.walker_constellation(SHELLS[size], c.random_tasks(size, seed), steps, earth="still")
             problem = built.problem(cost=0.5)
             row: dict[str, Any] = {
                 "seed": seed, "n": problem.n, "m": problem.m,

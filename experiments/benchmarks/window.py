@@ -46,7 +46,7 @@ def main() -> None:
         for inclination, altitude in ((53.0, 550.0), (53.2, 540.0), (70.0, 570.0))
     ]
     tasks = c.random_tasks(options.tasks, options.seed)
-    problem = c.walker_constellation(shells, tasks, options.window).problem(cost=0.5)
+    problem = c.walker_constellation(shells, tasks, options.window, earth="still").problem(cost=0.5)
     built = time.perf_counter()
     cpu = time.process_time()
     result = solve(problem, method, time_limit=options.time_limit)

@@ -255,7 +255,7 @@ def _attitude(
     from sapopt.domains.attitude import Attitude
 
     shell = c.WalkerShell(planes, per_plane, 58.0, altitude_km)
-    return Attitude(c.walker_constellation(shell, c.random_tasks(tasks, seed), steps))
+    return Attitude(c.walker_constellation(shell, c.random_tasks(tasks, seed), steps, earth="still"))
 
 
 @register(
@@ -372,4 +372,4 @@ def _interference(
 
     ground = c.random_tasks(tasks, seed)
     shell = c.WalkerShell(planes, per_plane, 58.0, 550.0)
-    return DisturbedBeams(c.walker_constellation(shell, ground, steps), strength=strength)
+    return DisturbedBeams(c.walker_constellation(shell, ground, steps, earth="still"), strength=strength)

@@ -87,7 +87,9 @@ def multi_beam(
     from sapopt.domains import constellation as c
 
     shell = c.WalkerShell(planes, per_plane, inclination_deg, altitude_km)
-    return MultiBeam(c.walker_constellation(shell, c.random_tasks(tasks, seed), steps), beams, decay)
+    return MultiBeam(
+        c.walker_constellation(shell, c.random_tasks(tasks, seed), steps, earth="still"), beams, decay
+    )
 
 
 def multi_beam_us(
@@ -116,6 +118,6 @@ def multi_beam_us(
     priority = np.random.default_rng(seed).uniform(1.0, 2.0, len(regions))
     places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, priority)
     every = c.walker_constellation(
-        c.WalkerShell(planes, per_plane, inclination_deg, altitude_km), places, steps
+        c.WalkerShell(planes, per_plane, inclination_deg, altitude_km), places, steps, earth="still"
     )
     return MultiBeam(every.only_seeing(), beams, decay)

@@ -20,6 +20,7 @@ from sapopt.domains.constellation import (
     starlink_elements,
     walker_constellation,
 )
+from sapopt.domains.instances import scenario
 
 SITES = {"site": ["Kiruna", "Ålesund"], "lat": [67.9, 62.5], "lon": [20.2, 6.2], "weight": [2, 1]}
 SHELL = WalkerShell(2, 3, 60.0, 1200.0)
@@ -131,3 +132,33 @@ def test_real_satellites_start_at_their_epoch() -> None:
     moved = element_constellation(elements, random_tasks(3, 0), 2, start=later)
     assert moved.times == (later, later + timedelta(seconds=60))
     assert not np.array_equal(moved.positions_km, built.positions_km)
+
+
+def test_new_constellations_turn_with_the_earth() -> None:
+    """Without a word the Earth turns; the instances of the thesis keep theirs still."""
+    built = walker_constellation(SHELL, random_tasks(6, 0), 3)
+    turning = walker_constellation(SHELL, random_tasks(6, 0), 3, earth="rotating")
+    still = walker_constellation(SHELL, random_tasks(6, 0), 3, earth="still")
+    assert np.array_equal(built.positions_km, turning.positions_km)
+    assert not np.array_equal(built.positions_km, still.positions_km)
+    toy = scenario("constellation-toy", steps=3)
+    own = walker_constellation(WalkerShell(4, 6, 58.0, 1200.0), random_tasks(30, 0), 3, 120.0, earth="still")
+    assert np.array_equal(toy.positions_km, own.positions_km)
+
+
+def test_what_is_never_seen_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    """A place that no satellite can see is named in a warning and in the second line; idle tasks are not."""
+    places = GroundTasks(
+        np.array([0.0, 89.0]), np.array([0.0, 0.0]), np.array([1.0, 1.0]), ("equator", "pole")
+    )
+    shell = WalkerShell(3, 8, 10.0, 550.0)
+    lost = walker_constellation(shell, places.with_idle_tasks(3), 93, start=datetime(2026, 1, 1))
+    assert "no satellite ever sees 1 of 2 tasks, such as 'pole' (89.0, 0.0 degrees)" in caplog.text
+    first, second = str(lost).splitlines()
+    assert first == "24 satellites, 2 tasks, 93 steps of 60 s from 2026-01-01T00:00:00+00:00"
+    assert second.endswith("never seen: 1, such as 'pole' (89.0, 0.0 degrees)")
+    assert repr(lost) == "Constellation(T=93, n=24, m=5, step_s=60)"
+    caplog.clear()
+    every = walker_constellation(shell, GroundTasks(np.zeros(1), np.zeros(1), np.ones(1)), 93)
+    assert caplog.text == ""
+    assert str(every).endswith("every task is seen at some step")

@@ -96,7 +96,7 @@ def test_more_satellites_than_tasks():
 def test_power_setting_is_expressible():
     """Section 6.4: priorities {1, 1, 1, 5}, 100 steps of 63.76 s."""
     tasks = random_tasks(450, 7, priorities=(1, 1, 1, 5))
-    built = walker_constellation(WalkerShell(18, 18, 58.0, 550.0), tasks, 100, 63.76)
+    built = walker_constellation(WalkerShell(18, 18, 58.0, 550.0), tasks, 100, 63.76, earth="still")
     assert built.benefits.shape == (100, 324, 450)
     assert built.step_s == 63.76
     np.testing.assert_allclose(

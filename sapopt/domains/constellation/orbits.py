@@ -136,7 +136,8 @@ def walker_positions_km(
         Time of the first step, in seconds after the shells' starting angles hold. The thesis' published code takes
         its first picture one step after that: ``start_s=step_s``.
     earth : {"still", "rotating"}
-        "still" leaves the Earth at rest among the stars, as the thesis' published code does.
+        "still" leaves the Earth at rest among the stars, as the thesis' published code does; a
+        `walker_constellation` turns it unless it is told otherwise.
     j2 : bool
         Add the secular drift of node and argument of latitude due to the oblateness of the Earth (first order in J2).
     sidereal_angle_deg : float

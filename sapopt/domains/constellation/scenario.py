@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sapopt.data.types import FloatArray
+from sapopt.data.types import FloatArray, IntArray
 from sapopt.domains.constellation.elements import ElementSets, element_positions_km
 from sapopt.domains.constellation.graphs import links
 from sapopt.domains.constellation.orbits import Earth, WalkerShell, walker_positions_km
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
     from sapopt.data.benefits import Benefits
     from sapopt.problem.sap import SAP
 
+logger = logging.getLogger(__name__)
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Constellation:
     """Satellites, tasks on the ground, and what each satellite gains from each task at each step.
 
@@ -52,6 +55,23 @@ class Constellation:
     field_of_view: FieldOfView = field(default_factory=FieldOfView)
     satellite_names: tuple[str, ...] = ()
     start: datetime | None = None
+
+    def __repr__(self) -> str:
+        return f"Constellation(T={self.T}, n={self.n}, m={self.m}, step_s={self.step_s:g})"
+
+    def __str__(self) -> str:
+        """Two lines: what there is, and how much of it is in view."""
+        when = "" if self.start is None else f" from {self.start.isoformat()}"
+        flat, wanted = self.benefits.flat(), int((self.tasks.priority > 0).sum())
+        unseen = _unseen(self.tasks, self.benefits)
+        views = len(flat.indices) / (self.T * self.n)
+        lost = "every task is seen at some step"
+        if len(unseen):
+            lost = f"never seen: {len(unseen)}, such as {self.tasks.called(int(unseen[0]))}"
+        return (
+            f"{self.n} satellites, {wanted} tasks, {self.T} steps of {self.step_s:g} s{when}\n"
+            f"a satellite sees {views:.2g} tasks at a step on average; {lost}"
+        )
 
     @property
     def T(self) -> int:
@@ -190,7 +210,25 @@ def constellation(
     if start is not None and start.tzinfo is None:
         start = start.replace(tzinfo=UTC)
     benefits = visible_benefits(positions, tasks, view)
+    _tell_unseen(tasks, benefits)
     return Constellation(positions, tasks, benefits, float(step_s), view, names, start)
+
+
+def _unseen(tasks: GroundTasks, benefits: Benefits) -> IntArray:
+    """Tasks that are worth something, and that no satellite ever sees."""
+    seen = np.zeros(benefits.shape[2], dtype=bool)
+    seen[benefits.flat().indices] = True
+    return np.flatnonzero(~seen & (tasks.priority > 0))
+
+
+def _tell_unseen(tasks: GroundTasks, benefits: Benefits) -> None:
+    """Warn of tasks that are never seen: they are often mistakes in places or times."""
+    unseen = _unseen(tasks, benefits)
+    if len(unseen):
+        logger.warning(
+            "no satellite ever sees %d of %d tasks, such as %s", len(unseen), int((tasks.priority > 0).sum()),
+            tasks.called(int(unseen[0])),
+        )  # fmt: skip
 
 
 def walker_constellation(
@@ -200,13 +238,13 @@ def walker_constellation(
     step_s: float = 60.0,
     *,
     start_s: float | None = None,
-    earth: Earth = "still",
+    earth: Earth = "rotating",
     j2: bool = False,
     sidereal_angle_deg: float = 0.0,
     field_of_view: FieldOfView | None = None,
     start: datetime | None = None,
 ) -> Constellation:
-    """A Walker constellation with its tasks; the defaults are those of section 4.2 of Holder (2024) and its code.
+    """A Walker constellation with its tasks above an Earth that turns; sizes and times are those of Holder (2024), 4.2.
 
     Parameters
     ----------
@@ -215,9 +253,11 @@ def walker_constellation(
     steps, step_s : int, float
         Number of steps T and seconds between them. 93 minutes are one orbit at 550 km.
     start_s : float, optional
-        Time of the first step after the shells' starting angles hold; one step if omitted, as in
-        the published code, whose Earth also stands still: the thesis says neither.
-    earth, j2, sidereal_angle_deg
+        Time of the first step after the shells' starting angles hold; one step if omitted, as in the published code.
+    earth : {"rotating", "still"}
+        "still" stops the Earth among the stars, as in the published code and in the built-in instances of the thesis,
+        which says nothing of it.
+    j2, sidereal_angle_deg
         See `walker_positions_km`.
     start : datetime, optional
         Date of the first step, for tables and maps; UTC if it has no time zone. It moves nothing: where the Earth

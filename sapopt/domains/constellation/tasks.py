@@ -115,6 +115,11 @@ class GroundTasks:
         """Number of tasks."""
         return len(self.latitude_deg)
 
+    def called(self, j: int) -> str:
+        """What messages call a task: by its name, else by its number, with its place."""
+        name = repr(self.names[j]) if self.names else f"task {j}"
+        return f"{name} ({self.latitude_deg[j]:.1f}, {self.longitude_deg[j]:.1f} degrees)"
+
     def with_idle_tasks(self, count: int) -> GroundTasks:
         """Append `count` tasks of priority 0 (placed at latitude and longitude 0), so that agents can idle."""
         if count < 0:
