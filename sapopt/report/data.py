@@ -17,6 +17,7 @@ from sapopt.plotting.aboard import aboard
 from sapopt.plotting.coastline import coastline_data
 from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
+from sapopt.report.limits import limits_of, why_of
 
 _FINE_CELLS = 400_000
 """Up to so many agents x steps, benefits are told in 65535 levels, beyond in 255, to keep the page small."""
@@ -104,6 +105,8 @@ def _told(problem: SAP, name: str, result: Result, bound: float | None) -> dict[
         "benefit": _rounded(result.evaluation.benefit),
         "handover": _rounded(result.evaluation.handover),
         "trace": _trace(result, bound),
+        "limits": limits_of(problem, result),
+        "why": why_of(problem, result),
     }
 
 

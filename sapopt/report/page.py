@@ -18,7 +18,7 @@ from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
 from sapopt.report.data import payload
 
-_SCRIPTS = ("core.js", "chart.js", "panels.js", "timeline.js", "stays.js", "map.js", "app.js")
+_SCRIPTS = ("core.js", "chart.js", "panels.js", "limits.js", "timeline.js", "stays.js", "map.js", "app.js")
 _SLACK = 1e-6
 
 

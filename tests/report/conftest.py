@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sapopt import SAP, Result, SwitchingCost, solve
+from sapopt import SAP, Limit, Result, SwitchingCost, solve
 from sapopt.domains.instances import scenario
 from sapopt.solvers import HAA, HAAL, DualDecomposition
 
@@ -39,3 +39,13 @@ def results(problem: SAP) -> dict[str, Result]:
 def constellation() -> Any:
     """A small constellation."""
     return scenario("constellation-toy", steps=8)
+
+
+@pytest.fixture(scope="session")
+def limited() -> tuple[SAP, dict[str, Result]]:
+    """A problem with limits, whose agents may idle, and a plan with prices beside one without."""
+    rng = np.random.default_rng(2)
+    benefits = rng.random((8, 3, 5)) * (rng.random((8, 3, 5)) < 0.7)
+    limits = [Limit.once(), Limit.work(at_most=4, name="shifts"), Limit.cover([4], 1, penalty=0.2)]
+    problem = SAP(benefits, 0.1, idle=True, limits=limits, agents=["Ada", EVIL, "Grace"])
+    return problem, {"dual": solve(problem, DualDecomposition(), time_limit=5), "haa": solve(problem, HAA())}

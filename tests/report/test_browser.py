@@ -305,3 +305,26 @@ def test_mid_size(desk: Browser, tmp_path: Path) -> None:
     desk.wait("return window.done === 60")
     assert (desk.processor_s() - before) / 60 < 0.2
     assert desk.messages() == []
+
+
+def test_limits_and_why_not(tmp_path: Path, desk: Browser, limited: tuple[SAP, dict[str, Result]]) -> None:
+    """The table of limits is there, and a button says why a pair is not held, at its step and for its agent."""
+    problem, results = limited
+    page = opened(desk, report(problem, results, tmp_path / "r.html"))
+    rows = page.run("return document.querySelectorAll('#limittable tbody tr').length")
+    assert rows == len(results["dual"].evaluation.limits)
+    assert page.run("return document.getElementById('limits').hidden") is False
+    assert page.run("return document.querySelectorAll('#whypairs button').length") > 0
+    assert page.run("return document.getElementById('whytext').textContent") == ""
+    page.run("document.querySelector('#whypairs button').click()")
+    text = page.run("return document.getElementById('whytext').textContent")
+    assert "is worth at most" in text or "No plan has" in text
+    assert (
+        page.run("return document.querySelector('#whypairs button').getAttribute('aria-pressed')") == "true"
+    )
+    step = page.run("return document.querySelector('#whypairs button').textContent").rsplit(" ", 1)[1]
+    assert page.run("return document.getElementById('nowstep').textContent").startswith(f"{step} of")
+    page.run("document.querySelectorAll('#table input')[1].click()")
+    frames(page)
+    assert page.run("return document.getElementById('whytext').textContent") == ""
+    assert page.messages() == []

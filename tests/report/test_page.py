@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sapopt import SAP, Limit, Result, SwitchingCost, solve
+from sapopt import SAP, Limit, Result, SwitchingCost, solve, why_not
 from sapopt.domains.instances import find_instance, scenario
+from sapopt.dynamics import Interference
 from sapopt.plotting.coastline import coastline_deg
 from sapopt.report import report
 from sapopt.solvers import HAA, NoHandover
@@ -186,3 +187,34 @@ def test_idle_agents_are_told_as_such(tmp_path: Path) -> None:
     assert data["initial"] == [2, 0]
     assert data["results"][0]["busy"] == float((result.plan >= 0).mean())
     assert set(array(data["results"][0]["plan"], "<u2").tolist()) <= {0, 1, 2}
+
+
+def test_limits_and_pairs(tmp_path: Path, limited: tuple[SAP, dict[str, Result]]) -> None:
+    """Use, slack and price of every limit, and what is proven about pairs that a plan does not hold."""
+    problem, results = limited
+    data = told(report(problem, results, tmp_path / "r.html"))
+    for one, result in zip(data["results"], results.values(), strict=True):
+        rows = {row["name"]: row for row in one["limits"]["rows"]}
+        assert one["limits"]["count"] == len(rows) == len(result.evaluation.limits)
+        for r, use in enumerate(result.evaluation.limits):
+            assert rows[use.name]["use"] == use.use
+            assert rows[use.name]["slack"] == use.slack
+            assert rows[use.name]["cost"] == use.cost
+            if result.limit_prices is not None:
+                assert rows[use.name]["price"] == abs(result.limit_prices[r])
+        assert one["why"]
+        for pair in one["why"]:
+            expected = why_not(problem, result, pair["agent"], pair["task"], pair["step"])
+            assert pair["held"] == expected.held != pair["task"]
+            assert pair["holders"] == list(expected.holders)
+            if result.limit_prices is not None:
+                assert pair["bound"] == pytest.approx(expected.bound)
+                assert pair["limits"] == list(expected.limits)
+
+
+def test_pages_without_limits(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """No table of limits, yet pairs are explained; not so where paths depend on each other."""
+    data = told(report(problem, results, tmp_path / "r.html"))
+    assert all(one["limits"] is None and one["why"] for one in data["results"])
+    joint = SAP(np.ones((3, 2, 2)), Interference([[0, 1]], 0.5, 0.1))
+    assert told(report(joint, solve(joint, HAA()), tmp_path / "j.html"))["results"][0]["why"] == []

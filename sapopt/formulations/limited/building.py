@@ -7,6 +7,7 @@ instead of m^2. Where agents may idle, what they cannot gain by is left out (`sa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ _MOST_LOOKS = 20_000_000
 
 
 def path_graph(
-    problem: SAP, state: Any = None, also: tuple[int, int] | None = None, tight: bool = True
+    problem: SAP, state: Any = None, also: Sequence[tuple[int, int]] = (), tight: bool = True
 ) -> PathGraph:
     """The graph of a core problem (`SAP.core`).
 
@@ -41,7 +42,7 @@ def path_graph(
         Or the window of one (`sapopt.formulations.limited.window`).
     state : object, optional
         State before its first step, by default that of the problem.
-    also : (agent, task), optional
+    also : sequence of (agent, task), optional
         To be in the graph though the agent may gain nothing by it.
     tight : bool
         Leave out arcs whose agent alone would break a limit by them (`tightened`).
@@ -86,7 +87,7 @@ def tightened(graph: PathGraph) -> PathGraph:
     return graph.restricted(keep)
 
 
-def _hub_graph(problem: SAP, cost: float, idle_is_free: bool, also: tuple[int, int] | None) -> PathGraph:
+def _hub_graph(problem: SAP, cost: float, idle_is_free: bool, also: Sequence[tuple[int, int]]) -> PathGraph:
     """Nodes of an agent: the source, then for every step the hub that leads in, and the tasks held at it."""
     T, m = problem.T, problem.m
     idle, initial = problem.rows.idle, problem.initial_assignment
@@ -153,7 +154,7 @@ def _graph(problem: SAP, node_ptr: IntArray, arcs: tuple[Any, ...], last: IntArr
     return graph.restricted(graph.gain > -np.inf)
 
 
-def _rule_graph(problem: SAP, rule: LocalRule, state: Any, also: tuple[int, int] | None) -> PathGraph:
+def _rule_graph(problem: SAP, rule: LocalRule, state: Any, also: Sequence[tuple[int, int]]) -> PathGraph:
     """States that the agents can reach by a rule, and the moves between them; one call of the rule for each step."""
     T, n, m = problem.T, problem.n, problem.m
     remembers, initial = problem.rows.remembers, problem.initial_assignment

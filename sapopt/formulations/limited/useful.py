@@ -7,6 +7,8 @@ start may be had for free. Nor does it gain by holding a task after the last ste
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sapopt.data.benefits import dense_step
@@ -17,7 +19,7 @@ from sapopt.problem.sap import SAP
 
 
 def useful_pairs(
-    problem: SAP, benefits: FloatArray, signed: bool, also: tuple[int, int] | None = None
+    problem: SAP, benefits: FloatArray, signed: bool, also: Sequence[tuple[int, int]] = ()
 ) -> np.ndarray:
     """Mask (n, T, m) of the pairs by which an agent may gain, by their benefit, in a limit or in a team.
 
@@ -29,7 +31,7 @@ def useful_pairs(
         As of `agent_benefits`.
     signed : bool
         Whether a pair of negative benefit may be of use as well, because it moves the state.
-    also : (agent, task), optional
+    also : sequence of (agent, task), optional
         To count as useful at every step.
     """
     rows, (n, T, m) = problem.rows, benefits.shape
@@ -41,8 +43,8 @@ def useful_pairs(
         mask[pair % n, pair // n, task] = True
     mask[:, rows.team_cell // m, rows.team_cell % m] = True
     mask[:, :, rows.idle] = True
-    if also is not None:
-        mask[also[0], :, also[1]] = True
+    for i, j in also:
+        mask[i, :, j] = True
     return mask
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -110,31 +111,49 @@ def why_not(
     i = _one(agent, problem.n, problem.agents, "agent")
     j = _one(task, problem.m, problem.tasks, "task")
     k = _one(step, problem.T, None, "step")
+    return explanations(problem, result, [(i, j, k)], time_limit=time_limit)[0]
+
+
+def explanations(
+    problem: SAP, result: Result, pairs: Sequence[tuple[int, int, int]], *, time_limit: float | None = None
+) -> list[Explanation]:
+    """The same for several pairs (agent, task, step) by index, from one set of prices.
+
+    Raises
+    ------
+    ValueError
+        If the dynamics is not agent-local.
+    """
     plan = problem.check_plan(result.plan)
     value = problem.evaluate(plan).value
     core = problem.core
     if core.capacity is None:
         core = copy.copy(core)
         core.core, core.capacity = core, np.ones((core.T, core.m), dtype=np.int64)
-    graph = path_graph(core, also=(i, j))
+    graph = path_graph(core, also=[(i, j) for i, j, _ in pairs])
     prices = _prices(problem, core, result)
     if prices is None:
         stop_at = np.inf if time_limit is None else clock.now() + time_limit
         prices = Ascent(graph, stop_at, target=value).run().prices
     dual = dual_value(graph, prices)
     weight = graph.priced(dual.prices.effective(core.rows), dual.prices.limits)
-    arcs = np.flatnonzero((graph.cell == k * core.m + j) & (graph.agent == i))
-    loss = float(graph.through(weight)[arcs].min(initial=np.inf))
-    proven = dual.bound - loss
-    if math.isfinite(proven):
-        proven += 2.0 * rounding(graph, dual.prices, dual.bound) + cancellation(core)
-    holders: IntArray = np.flatnonzero(plan[k] == j)
-    touched = np.zeros(core.rows.count, dtype=bool)
-    if core.rows.count and len(arcs):
-        touched = (abs(graph.weights[:, arcs]).sum(axis=1) > 0) & (dual.prices.limits != 0)
-    names = tuple(core.rows.names[r] for r in np.flatnonzero(touched))
-    others = tuple(int(a) for a in holders if a != i)
-    return Explanation(i, j, k, float(proven), value, others, int(plan[k, i]), names, problem.naming)
+    loss = graph.through(weight)
+    allowance = 2.0 * rounding(graph, dual.prices, dual.bound) + cancellation(core)
+    out = []
+    for i, j, k in pairs:
+        arcs = np.flatnonzero((graph.cell == k * core.m + j) & (graph.agent == i))
+        proven = dual.bound - float(loss[arcs].min(initial=np.inf))
+        if math.isfinite(proven):
+            proven += allowance
+        holders: IntArray = np.flatnonzero(plan[k] == j)
+        touched = np.zeros(core.rows.count, dtype=bool)
+        if core.rows.count and len(arcs):
+            touched = (abs(graph.weights[:, arcs]).sum(axis=1) > 0) & (dual.prices.limits != 0)
+        names = tuple(core.rows.names[r] for r in np.flatnonzero(touched))
+        others = tuple(int(a) for a in holders if a != i)
+        held = int(plan[k, i])
+        out.append(Explanation(i, j, k, float(proven), value, others, held, names, problem.naming))
+    return out
 
 
 def _one(value: int | str, count: int, labels: tuple[str, ...] | None, name: str) -> int:

@@ -77,7 +77,7 @@ function start() {
   byId("theme").addEventListener("click", () => { setTheme(theme.name === "dark" ? "light" : "dark"); redraw(true); });
   prefersDark.addEventListener("change", (event) => { setTheme(event.matches ? "dark" : "light"); redraw(true); });
   document.addEventListener("keydown", keys);
-  panels.push({ base: () => { drawTiles(); drawTable(); }, step: () => { drawNow(); drawFollow(); } });
+  panels.push({ base: () => { drawTiles(); drawTable(); drawLimits(); drawWhy(); }, step: () => { drawNow(); drawFollow(); } });
   startMap();
   chart("cumulative", cumulativeChart, goTo);
   chart("steps", stepsChart, goTo);
