@@ -28,20 +28,22 @@ def limits_of(problem: SAP, result: Result) -> dict[str, Any] | None:
         return None
     y = result.limit_prices
     known = y is not None and len(y) == len(uses)
+    price = np.zeros(len(uses)) if y is None or len(y) != len(uses) else np.abs(y)
+    known = y is not None and len(y) == len(uses)
+    order = sorted(range(len(uses)), key=lambda r: (-uses[r].cost, -price[r], uses[r].slack))
     rows = [
         {
-            "name": use.name,
-            "use": use.use,
-            "most": use.at_most if np.isfinite(use.at_most) else None,
-            "least": use.at_least if np.isfinite(use.at_least) else None,
-            "slack": use.slack,
-            "cost": use.cost,
-            "price": abs(float(y[r])) if known and y is not None else None,
+            "name": uses[r].name,
+            "use": uses[r].use,
+            "most": uses[r].at_most if np.isfinite(uses[r].at_most) else None,
+            "least": uses[r].at_least if np.isfinite(uses[r].at_least) else None,
+            "slack": uses[r].slack,
+            "cost": uses[r].cost,
+            "price": float(price[r]) if known else None,
         }
-        for r, use in enumerate(uses)
+        for r in order[:_ROWS]
     ]
-    rows.sort(key=lambda row: (-row["cost"], -(row["price"] or 0.0), row["slack"]))
-    return {"count": len(rows), "rows": rows[:_ROWS]}
+    return {"count": len(uses), "rows": rows}
 
 
 def why_of(problem: SAP, result: Result) -> list[dict[str, Any]]:
@@ -53,8 +55,8 @@ def why_of(problem: SAP, result: Result) -> list[dict[str, Any]]:
         return []
     best: list[tuple[float, tuple[int, int, int]]] = []
     benefits = np.stack([dense_step(problem.benefits.step(k)) for k in range(problem.T)])
-    k, i = np.nonzero(result.plan >= 0)
-    benefits[k, i, result.plan[k, i]] = -np.inf
+    held = np.nonzero(result.plan >= 0)
+    benefits[(*held, result.plan[held])] = -np.inf
     for agent in range(problem.n):
         k, j = divmod(int(np.argmax(benefits[:, agent])), problem.m)
         if benefits[k, agent, j] > 0:

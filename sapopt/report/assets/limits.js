@@ -8,7 +8,7 @@ function drawLimits() {
   if (!told) return;
   const tight = told.rows.filter((row) => row.slack <= 0).length;
   const shown = told.rows.length < told.count ? ` The first ${told.rows.length} of ${whole(told.count)}.` : "";
-  byId("limitshint").textContent = `Use and slack of each limit; the price is what one more would be worth. ${whole(tight)} leave nothing.${shown}`;
+  byId("limitshint").textContent = `Use and slack of each limit; the price is what one more would be worth. ${whole(tight)} leave nothing. Steps in names count from 0.${shown}`;
   const head = ["limit", "use", "at least", "at most", "slack", "price", "paid"];
   const cell = (value) => element("td", {}, value === null ? "" : small(value));
   const rows = told.rows.map((row) => element("tr", {}, element("td", {}, row.name), cell(row.use), cell(row.least),
