@@ -27,7 +27,6 @@ def limits_of(problem: SAP, result: Result) -> dict[str, Any] | None:
     if not uses:
         return None
     y = result.limit_prices
-    known = y is not None and len(y) == len(uses)
     price = np.zeros(len(uses)) if y is None or len(y) != len(uses) else np.abs(y)
     known = y is not None and len(y) == len(uses)
     order = sorted(range(len(uses)), key=lambda r: (-uses[r].cost, -price[r], uses[r].slack))
