@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
+from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels import clock
 from sapopt.live.benefits import arranged
@@ -121,7 +122,10 @@ def _thought(
     if thought is None:
         return None, sure
     slack = 0.5 * (times.due - times.think_until)  # for what a policy does after it has stopped to think
-    answer = thought.answer(times.think_until + slack)
+    try:
+        answer = thought.answer(times.think_until + slack)
+    except InfeasibleError:  # its lookahead has found no way on; there is one for this step
+        answer = None
     pace.heard(answer is not None)
     return answer, sure
 

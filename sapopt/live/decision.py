@@ -28,8 +28,8 @@ class Outcome(Enum):
 _MESSAGES = {
     Outcome.COMPLETE: "The policy came to the end of its work.",
     Outcome.SHORT: "The budget ended the policy's search; what it had found by then is played.",
-    Outcome.FALLBACK: "The budget ended before the policy had an answer that is better over the window than the best "
-    "assignment of the step (HAA), so this one is played.",
+    Outcome.FALLBACK: "The policy had no answer within the budget, or one that is worth less over the window than the "
+    "best assignment of the step (HAA), so this one is played.",
     Outcome.FROZEN: "The step was announced and frozen: nothing was left to decide.",
 }
 

@@ -56,10 +56,17 @@ def window_bound(
         found = _limited(course, memory, seconds)
         return (None, None) if found is None else (found - promised, None)
     oracle = path_oracle(core.model, core.benefits.slice(k, core.T), course.state)
-    if isinstance(memory, np.ndarray) and memory.shape == left:
+    if isinstance(memory, np.ndarray) and memory.shape == left and np.isfinite(memory).all():
         bound, prices = dual_value(oracle, memory).bound, memory
     else:
         known = np.zeros(left)
+        if (
+            isinstance(memory, np.ndarray)
+            and memory.ndim == 2
+            and memory.shape[1] == core.m
+            and (memory >= 0).all()
+        ):
+            start = memory  # of a policy that looks at another number of steps
         if start is not None:
             rows = min(left[0], len(start))
             known[:rows] = start[:rows]

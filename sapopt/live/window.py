@@ -267,7 +267,8 @@ def _brought_along(
     if standing.step == 0:
         held = None
         if settings.holding:
-            held = np.array([tasks.index.get(settings.holding.get(name, ""), -1) for name in agents.names])
+            before = [settings.holding.get(name) for name in agents.names]
+            held = np.array([-1 if task is None else tasks.index.get(task, -1) for task in before])
             core.initial_assignment = np.where(held < 0, core.rows.idle, held)
         return core.model.initial_state(core), held
     was = agents.places(standing.agents)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from session_windows import RULES, as_plan, benefits_of, earned, played
 
@@ -91,6 +91,7 @@ def test_carries_what_is_used_of_limits(policy: Any, length: int, limit: Any) ->
     assert all(d.bound is None or d.value <= d.bound + 1e-9 for d in decisions)
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.sampled_from(sorted(RULES)), st.booleans())
 def test_order_and_names_change_nothing(seed: int, rule: str, sparse: bool) -> None:
     """A session whose ids come in another order, and one whose ids are called otherwise, decide the same."""
@@ -118,6 +119,7 @@ def test_order_and_names_change_nothing(seed: int, rule: str, sparse: bool) -> N
         assert named.assignment == {f"a{i}": f"t{j}" for i, j in expected.assignment.items()}
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.sampled_from(sorted(RULES)))
 def test_bound_is_above_every_plan(seed: int, rule: str) -> None:
     """The bound of a window is not below the best plan that is found from the same state by looking at all of it."""
