@@ -38,7 +38,7 @@ def warm_up(problem: SAP, solver: Solver | None) -> None:
         api.bound(small, callback=lambda progress: next(iterations) >= _ITERATIONS)
         return
     if isinstance(solver, DualDecomposition) and problem.is_plain:
-        solver.exercise(small, Run(time_limit=_SECONDS))
+        solver.exercise(small, Run(time_limit=_SECONDS), rare=False)
         return
     limit = None if isinstance(solver, Policy) else _SECONDS
     if api.solve(small, solver, time_limit=limit).status is Status.INTERRUPTED:

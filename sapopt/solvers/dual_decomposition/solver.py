@@ -155,15 +155,18 @@ class DualDecomposition:
         bound = float(search.bound) if math.isfinite(search.bound) else None
         return Outcome(search.best, status, bound, search.prices, search.trace)
 
-    def exercise(self, problem: SAP, run: Run) -> None:
-        """Do once all that a long run may come to, proven or not: on a small problem that compiles every kernel."""
+    def exercise(self, problem: SAP, run: Run, rare: bool = True) -> None:
+        """Do once all that a long run may come to, proven or not: on a small problem that compiles every kernel.
+
+        With `rare` that includes what a run turns to only where windows and sweeps no longer pay.
+        """
         once = replace(self, sweeps=1, rounds=1, iterations=min(self.iterations, _EXERCISE))
         search = once._begin(problem, run)
-        search.exercised = True
+        search.exercised = rare
         for _ in search.steps():
             if run.expired:
                 return
-        for _ in search.rounds_of_exchanges():
+        for _ in search.rounds_of_exchanges() if rare else ():
             if run.expired:
                 return
 
