@@ -25,10 +25,18 @@ _EPS = float(np.finfo(np.float64).eps)
 _SLACK = 1e-9  # of sums that are not whole numbers, by the definition of a Limit
 
 
+Block = tuple[slice, slice, slice]
+_ALL = slice(None)
+
+
 @dataclass
 class _Weights:
-    """What one sum adds for holding a pair, for taking it up and for staying on it; all (T, n, m)."""
+    """What one sum adds for holding a pair, for taking it up and for staying on it.
 
+    `where` are the steps, agents and tasks that it is about at most; the arrays are of their shape.
+    """
+
+    where: Block
     pair: FloatArray
     taken: FloatArray
     stayed: FloatArray
@@ -39,18 +47,23 @@ class _Weights:
         return all(bool((part == np.rint(part)).all()) for part in parts)
 
 
+def _one(index: int) -> slice:
+    return slice(int(index), int(index) + 1)
+
+
 def _sums(problem: SAP, limit: Limit) -> Iterator[_Weights]:
     """The sums that a limit stands for, in order."""
     T, n, m = problem.T, problem.n, problem.m
     served = np.stack([dense_step(problem.benefits.step(k)) for k in range(T)]) > 0
 
-    def zeros() -> _Weights:
-        return _Weights(np.zeros((T, n, m)), np.zeros((T, n, m)), np.zeros((T, n, m)))
+    def zeros(*where: slice) -> _Weights:
+        shape = [len(range(size)[part]) for part, size in zip(where, (T, n, m), strict=True)]
+        return _Weights((where[0], where[1], where[2]), np.zeros(shape), np.zeros(shape), np.zeros(shape))
 
     tasks = chosen(limit.tasks, m, problem.tasks, "tasks")
     agents = chosen(limit.agents, n, problem.agents, "agents")
     if limit.kind == "weight":
-        out = zeros()
+        out = zeros(_ALL, _ALL, _ALL)
         if isinstance(limit.weight, (list, tuple)) and any(sp.issparse(step) for step in limit.weight):
             out.pair[:] = np.stack([step.toarray() for step in limit.weight])
         else:
@@ -58,31 +71,31 @@ def _sums(problem: SAP, limit: Limit) -> Iterator[_Weights]:
         yield out
     elif limit.kind == "once":
         for j in tasks:
-            out = zeros()
-            out.pair[:, :, j] = served[:, :, j]
+            out = zeros(_ALL, _ALL, _one(j))
+            out.pair[:, :, 0] = served[:, :, j]
             yield out
     elif limit.kind == "visits":
         for j in tasks:
-            out = zeros()
-            out.pair[0, :, j] = served[0, :, j]
-            out.taken[1:, :, j] = served[1:, :, j]
-            out.stayed[1:, :, j] = served[1:, :, j] & ~served[:-1, :, j]
+            out = zeros(_ALL, _ALL, _one(j))
+            out.pair[0, :, 0] = served[0, :, j]
+            out.taken[1:, :, 0] = served[1:, :, j]
+            out.stayed[1:, :, 0] = served[1:, :, j] & ~served[:-1, :, j]
             yield out
     elif limit.kind == "cover":
         for k in chosen(limit.steps, T, None, "steps"):
-            out = zeros()
-            out.pair[k][:, tasks] = served[k][:, tasks] if limit.served else 1.0
+            out = zeros(_one(k), _ALL, _ALL)
+            out.pair[0][:, tasks] = served[k][:, tasks] if limit.served else 1.0
             yield out
     elif limit.kind == "work":
         for i in agents:
-            out = zeros()
-            out.pair[:, i] = served[:, i]
+            out = zeros(_ALL, _one(i), _ALL)
+            out.pair[:, 0] = served[:, i]
             yield out
     else:
+        first = 1 if problem.initial_assignment is None else 0
         for group in agents[:, None] if limit.each else [agents]:
-            out = zeros()
-            first = 1 if problem.initial_assignment is None else 0
-            out.taken[first:, group] = 1.0
+            out = zeros(_ALL, slice(int(group[0]), int(group[-1]) + 1) if len(group) else slice(0, 0), _ALL)
+            out.taken[first:, group - (group[0] if len(group) else 0)] = 1.0
             yield out
 
 
@@ -135,7 +148,8 @@ def limited_value(problem: SAP, plan: Any) -> float:
             numbers += _earned(problem, limit, tasks)
             continue
         for weights in _sums(problem, limit):
-            parts = (weights.pair[held], weights.taken[held & is_new], weights.stayed[held & ~is_new])
+            here, new = held[weights.where], is_new[weights.where[:2]]
+            parts = (weights.pair[here], weights.taken[here & new], weights.stayed[here & ~new])
             use = math.fsum(np.concatenate(parts).tolist())
             low, high = _bounds(limit, weights)
             beyond = max(use - high, low - use, 0.0)
@@ -248,8 +262,8 @@ def limited_bound(problem: SAP, prices: Any, limit_prices: Any, team_prices: Any
                 raise ValueError(f"limit_prices: number {row - 1} is above the penalty of {limit!r}")
             fixed.append(price * bound)
             for part, weight in ((pair, weights.pair), (taken, weights.taken), (stayed, weights.stayed)):
-                part[:, :, :m] += price * weight
-                size[:, :, :m] += abs(price) * np.abs(weight)
+                part[:, :, :m][weights.where] += price * weight
+                size[:, :, :m][weights.where] += abs(price) * np.abs(weight)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
         values, charges = _local_values(core, pair, taken, stayed, bool(taken.any() or stayed.any()))
         try:
