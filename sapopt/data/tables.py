@@ -49,6 +49,9 @@ class _Indexed(Protocol):
     def reset_index(self) -> Any:
         """The same frame with the names of the rows as columns."""
 
+    def copy(self) -> Any:
+        """The same frame again."""
+
 
 @runtime_checkable
 class _Dictionary(Protocol):
@@ -109,7 +112,8 @@ class Table:
 
     def with_index(self) -> Table:
         """The same table; for pandas, with the names of its rows as columns."""
-        return Table(self._columns.reset_index()) if isinstance(self._columns, _Indexed) else self
+        # of a copy: pandas warns of frames whose columns lie apart, and a copy puts them together
+        return Table(self._columns.copy().reset_index()) if isinstance(self._columns, _Indexed) else self
 
     def column(self, name: Any) -> Any:
         """A column as its library holds it.

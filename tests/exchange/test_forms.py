@@ -205,6 +205,13 @@ def test_a_result_from_a_file_asks_for_its_problem(tmp_path: Path) -> None:
         result.to_pandas("tall")  # type: ignore[arg-type]
 
 
+def test_many_columns() -> None:
+    """A wide table of more agents than pandas likes to insert one by one comes back without a warning."""
+    problem = SAP(np.ones((2, 150, 150)), agents=[f"a{i}" for i in range(150)])
+    result = Result.from_plan(problem, np.tile(np.arange(150), (2, 1)))
+    assert (Result.from_plan(problem, result.to_pandas("wide")).plan == result.plan).all()
+
+
 def test_names_that_are_not_unique() -> None:
     """Two agents of one name have no columns of their own, and cannot be told apart in a table."""
     problem = SAP(np.ones((2, 2, 2)), agents=["Ada", "Ada"])
