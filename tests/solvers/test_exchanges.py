@@ -125,7 +125,7 @@ def test_the_search_uses_them_and_stays_below_the_bound() -> None:
 
 def test_never_above_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
     """On tiny problems of every form the plan is worth no more than the best of all plans."""
-    monkeypatch.setattr("sapopt.solvers.dual_decomposition.solver._LEAST_CELLS", 0)
+    monkeypatch.setattr("sapopt.solvers.dual_decomposition.portfolio._LEAST_CELLS", 0)
     for seed in range(12):
         problem = tiny(seed)
         result = solve(problem, DualDecomposition(iterations=40, rounds=3, sweeps=3), seed=seed)

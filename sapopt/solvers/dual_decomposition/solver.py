@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import count
 from typing import Any, ClassVar
 
@@ -22,11 +21,11 @@ from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.running.outlook import rollout
 from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
-from sapopt.solvers.dual_decomposition.exchanges import Exchanges
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
 from sapopt.solvers.dual_decomposition.plans import REPRICED, SWEEPS, Found, PlanBuilder, Reprice, path_sweeps
+from sapopt.solvers.dual_decomposition.portfolio import Portfolio
 from sapopt.solvers.dual_decomposition.repricing import repriced
 from sapopt.solvers.haal import HAA
 from sapopt.solvers.limited.planner import plan_limited
@@ -52,23 +51,8 @@ _QUIET = 6
 _ROUNDS = 18
 """Rounds where neither a number nor a time limit is given."""
 
-_PAYING = 0.5
-"""Share of the gap that rounds must be on the way to close in the time left, for nothing else to be tried."""
-
-_PAYING_TURN = 0.1
-"""The same for a single round, where there is no time limit."""
-
-_FORGETTING = 0.25
-"""What is left of a way's promise when it has found nothing."""
-
-_MOST_FAILURES = 9
-"""Exchanges without a better plan, each twice as long as the last, after which no more are tried."""
-
 _GLANCE, _GLANCE_SHARE, _GLANCE_SWEEPS = 24, 0.04, 2
 """Dual iterations, share of the time limit and sweeps of a first glance, which gives an early plan."""
-
-_LEAST_CELLS = 300
-"""Agents times steps below which networks and sweeps say all there is to say."""
 
 _NETWORK_SIZES = (1e-4, 1e30)
 """Largest benefits for which plans are made over the network; for others the oracles make them."""
@@ -162,7 +146,7 @@ class DualDecomposition:
         """
         once = replace(self, sweeps=1, rounds=1, iterations=min(self.iterations, _EXERCISE))
         search = once._begin(problem, run)
-        search.exercised = rare
+        search.portfolio.always = rare
         for _ in search.steps():
             if run.expired:
                 return
@@ -221,16 +205,12 @@ class _Search:
     iterations: int = 0
     ascent_seconds: float = 0.0
     trace: list[dict[str, Any]] = field(default_factory=list)
-    rates: dict[bool, float] = field(default_factory=lambda: {False: math.inf, True: math.inf})
-    """Gain for every second of the last rounds, without and with exchanges."""
-    last_gain: float = math.inf
-    was_exchange: bool = False
-    exercised: bool = False
-    """Whether every stage is to be called once, needed or not."""
+    portfolio: Portfolio = field(init=False)
 
     def __post_init__(self) -> None:
         self.value = self.problem.evaluate(self.best).value
         self._no_less_than = 1e-9 * gap_unit(self.problem)
+        self.portfolio = Portfolio(self.problem, self.options.threads)
 
     @property
     def settled_prices(self) -> FloatArray:
@@ -308,19 +288,18 @@ class _Search:
         quiet = windows = 0
         for _ in self.turns():
             began, before = self.run.seconds, self.value
-            exchanges = self.exchanges_pay()
+            exchanges = self.portfolio.turn(self.bound - self.value, self.seconds_left)
             if exchanges is None:
                 yield from self.offered(self.builder.improve(self, windows))
                 windows += 1
             else:
                 yield from self.offered(exchanges.improve(self))
-            self.learn(exchanges is not None, self.value - before, self.run.seconds - began)
+            self.portfolio.learn(exchanges is not None, self.value - before, self.run.seconds - began)
             if not self.settled:
                 self.ascend(_DUAL_REST * (self.run.seconds - began))
                 yield
             quiet = quiet + 1 if self.value <= before + 1e-6 * abs(before) else 0
-            tired = exchanges is None or self.run.time_limit is None or exchanges.quiet >= _MOST_FAILURES
-            if quiet >= _QUIET and self.settled and tired:
+            if quiet >= _QUIET and self.settled and (self.run.time_limit is None or self.portfolio.is_tired):
                 break
 
     def rounds_of_prices(self) -> Iterator[None]:
@@ -335,9 +314,9 @@ class _Search:
 
     def rounds_of_exchanges(self) -> Iterator[None]:
         """Exchanges and the prices by turns, where there is time for more than planning anew."""
-        exchanges = self.exchanges
+        exchanges = self.portfolio.exchanges
         for _ in self.turns():
-            if exchanges is None or exchanges.quiet >= _MOST_FAILURES:
+            if exchanges is None or self.portfolio.is_tired:
                 break
             began = self.run.seconds
             yield from self.offered(exchanges.improve(self))
@@ -351,34 +330,6 @@ class _Search:
         if most is None and self.run.time_limit is None:
             most = _ROUNDS
         return iter(count() if most is None else range(most))
-
-    @cached_property
-    def exchanges(self) -> Exchanges | None:
-        """The exchanges of the run; None where the rule does not allow for them or the problem is too small."""
-        if self.problem.T * self.problem.n < _LEAST_CELLS and not self.exercised:
-            return None
-        return Exchanges.of(self.problem, self.options.threads)
-
-    def exchanges_pay(self) -> Exchanges | None:
-        """The exchanges, if it is their turn: where the other rounds do not pay, or pay less."""
-        left = self.bound - self.value
-        if self.run.time_limit is None:
-            # Nothing may depend on the clock: by turns from the first poor round on.
-            poor = self.last_gain < _PAYING_TURN * left
-            return self.exchanges if poor and not self.was_exchange else None
-        if self.rates[False] * self.seconds_left > _PAYING * left or self.exchanges is None:
-            return None
-        if self.exchanges.quiet >= _MOST_FAILURES:
-            return None
-        return self.exchanges if self.rates[True] >= self.rates[False] else None
-
-    def learn(self, was_exchange: bool, gain: float, seconds: float) -> None:
-        """Remember what a round gained, by itself and for every second."""
-        self.was_exchange, self.last_gain = was_exchange, gain
-        rate = gain / max(seconds, 1e-3)
-        before = self.rates[was_exchange]
-        floor = 0.0 if math.isinf(before) else _FORGETTING * before
-        self.rates[was_exchange] = max(rate, floor)
 
     def offered(self, found: Iterator[Found]) -> Iterator[None]:
         """Score plans as they come."""

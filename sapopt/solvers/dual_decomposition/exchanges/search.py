@@ -120,7 +120,7 @@ class Exchanges:
             self.quiet, self._heat = 0, heats[best]
             yield PHASE, jobs[best].plan
         else:
-            self.quiet += 1
+            self.quiet += 0 if hurried else 1
             self._heat = (self._heat + self.threads) % len(_HEATS)
             self._factor = 2.0 * self._factor
             if math.isinf(seconds):
@@ -145,6 +145,7 @@ class _Annealing:
         plan, problem = self.plan, self.parent.problem
         owner = np.full((problem.T, problem.m), -1, dtype=np.int32)
         owner[np.arange(problem.T)[:, None], plan] = np.arange(problem.n)
+        wandering = _WANDERING if problem.n < problem.m else 0.0  # else no task is ever free
         began, made, chunk = clock.now(), 0, _CHUNK
         while True:
             spent = clock.now() - began
@@ -155,7 +156,7 @@ class _Annealing:
             temperature = self.hot * _COLD**cooling if cooling < 1.0 else 0.0
             if math.isinf(seconds):
                 chunk = min(_CHUNK, moves - made)
-            self.gained += anneal(rule, cells, plan, owner, self.dice, temperature, chunk, _WANDERING)
+            self.gained += anneal(rule, cells, plan, owner, self.dice, temperature, chunk, wandering)
             made += chunk
             if math.isfinite(seconds):
                 self.pace = made / max(clock.now() - began, 1e-9)
