@@ -255,7 +255,7 @@ class _Search:
         limit = self.run.time_limit
         if limit is not None and self.problem.n < self.problem.m:
             yield from self.glance(_GLANCE_SHARE * limit)
-        self.ascend(math.inf if limit is None else _DUAL_SHARE * limit)
+        self.ascend(math.inf if limit is None else max(0.0, _DUAL_SHARE * limit - self.run.seconds))
         yield
         yield from self.offered(self.builder.rolling(self))
         if self.builder.lives_on_prices:
