@@ -13,14 +13,14 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from sapopt.data.benefits import Benefits, dense_step
-from sapopt.data.feasibility import explain_infeasible
 from sapopt.data.naming import Naming
 from sapopt.data.times import checked_times
 from sapopt.data.types import FloatArray, IntArray, index_array
 from sapopt.dynamics.base import Dynamics, Model, checked_handover
 from sapopt.dynamics.capabilities import adapt
 from sapopt.dynamics.switching.model import SwitchingCost
-from sapopt.problem.capacity import check_room, checked_capacity, overfull
+from sapopt.problem.capacity import check_room, checked_capacity
+from sapopt.problem.checking import check_forbidden, check_tasks, checked_initial, checked_labels
 from sapopt.problem.core import made_core
 from sapopt.problem.description import fingerprint
 from sapopt.problem.files import read_problem, write_problem
@@ -111,15 +111,15 @@ class SAP:
         if isinstance(dynamics, numbers.Real):
             dynamics = SwitchingCost(float(dynamics))
         self.dynamics = cast(Dynamics, dynamics)  # `adapt` checks that it is one
-        self.agents = _labels(agents, self.n, "agents")
-        self.tasks = _labels(tasks, self.m, "tasks")
+        self.agents = checked_labels(agents, self.n, "agents")
+        self.tasks = checked_labels(tasks, self.m, "tasks")
         self.times = checked_times(times, self.T)
-        self.initial_assignment = self._checked_initial(initial_assignment)
+        self.initial_assignment = checked_initial(self, initial_assignment)
         self.limits = checked_limits(limits)
         self.rows: Rows = self._rows()
         self.core: SAP = self if self.is_plain else cast(SAP, made_core(self))
         self.model: Model = adapt(dynamics, self) if self.is_plain else self.core.model
-        self.core.check_forbidden()
+        check_forbidden(self.core)
 
     @classmethod
     def with_idle_tasks(
@@ -328,7 +328,7 @@ class SAP:
         tasks = index_array(plan, "plan")
         if tasks.shape != (self.T, self.n):
             raise ValueError(f"plan must have shape (T, n) = {(self.T, self.n)}, got {tasks.shape}")
-        self._check_tasks(tasks, 0)
+        check_tasks(self, tasks, 0)
         return tasks
 
     def check_assignment(self, assignment: Any, k: int) -> IntArray:
@@ -336,44 +336,8 @@ class SAP:
         tasks = index_array(assignment, f"assignment at step {k}")
         if tasks.shape != (self.n,):
             raise ValueError(f"assignment at step {k} must have shape (n,) = ({self.n},), got {tasks.shape}")
-        self._check_tasks(tasks[None], k)
+        check_tasks(self, tasks[None], k)
         return tasks
-
-    def _check_tasks(self, tasks: IntArray, first: int) -> None:
-        """Check the tasks (steps, n) of the steps from `first` on."""
-        lowest = -1 if self.idle else 0
-        if tasks.min() < lowest or tasks.max() >= self.m:
-            k, i = (int(x) for x in np.argwhere((tasks < lowest) | (tasks >= self.m))[0])
-            hint = "; -1, for holding nothing, needs a problem with idle=True" if tasks[k, i] == -1 else ""
-            raise ValueError(
-                f"plan: task {tasks[k, i]} of {self.naming.agent(i)} at {self.naming.step(first + k)} is outside "
-                f"{lowest}..{self.m - 1}{hint}"
-            )
-        if self.capacity is not None or self.idle:
-            self._check_capacity(tasks, first)
-            return
-        ordered = np.sort(tasks, axis=1)
-        twice = np.argwhere(ordered[:, 1:] == ordered[:, :-1])
-        if len(twice):
-            k = int(twice[0, 0])
-            task = int(ordered[k, twice[0, 1]])
-            raise ValueError(f"plan: {self._given(task, tasks[k], first + k)}")
-
-    def _check_capacity(self, tasks: IntArray, first: int) -> None:
-        room = self.capacity
-        if room is None:
-            room = np.ones((self.T, self.m), dtype=np.int64)
-        over = overfull(tasks, room[first : first + len(tasks)])
-        if over is not None:
-            k, j = over
-            most = room[first + k, j]
-            more = "" if most == 1 else f"; its capacity is {most}"
-            raise ValueError(f"plan: {self._given(j, tasks[k], first + k)}{more}")
-
-    def _given(self, task: int, held: IntArray, k: int) -> str:
-        """Who holds a task at a step, in words."""
-        who = self.naming.several(np.flatnonzero(held == task))
-        return f"{self.naming.task(task)} is given to {who} at {self.naming.step(k)}"
 
     @cached_property
     def fingerprint(self) -> str:
@@ -450,27 +414,6 @@ class SAP:
         """
         return cls(**read_problem(path, dynamics))
 
-    def _checked_initial(self, initial: Any) -> IntArray | None:
-        if initial is None:
-            return None
-        tasks = index_array(initial, "initial_assignment")
-        if tasks.shape != (self.n,):
-            raise ValueError(f"initial_assignment must have shape (n,) = ({self.n},), got {tasks.shape}")
-        if tasks.min() < (-1 if self.idle else 0) or tasks.max() >= self.m:
-            raise ValueError(
-                f"initial_assignment holds a task outside {-1 if self.idle else 0}..{self.m - 1}"
-            )
-        values, counts = np.unique(tasks[tasks >= 0], return_counts=True)
-        room = np.ones(self.m, dtype=np.int64) if self.capacity is None else self.capacity.max(axis=0)
-        over = np.flatnonzero(counts > room[values])
-        if len(over):
-            task_name, most = self.naming.task(values[over[0]]), room[values[over[0]]]
-            raise ValueError(
-                f"initial_assignment gives {task_name} to two agents" if most == 1 else
-                f"initial_assignment gives {task_name} to {counts[over[0]]} agents, its capacity is {most}"
-            )  # fmt: skip
-        return tasks
-
     def _rows(self) -> Rows:
         if not self.limits:
             return no_rows((self.T, self.n, self.m + self.idle), self.m if self.idle else -1)
@@ -483,34 +426,3 @@ class SAP:
             self.tasks,
             self.capacity,
         )
-
-    def check_forbidden(self) -> None:
-        """Refuse a step at which forbidden pairs leave no full assignment."""
-        if self.benefits.forbids():
-            for k in range(self.T):
-                allowed = ~np.isneginf(dense_step(self.benefits.step(k)))
-                if self.capacity is not None:
-                    allowed = np.repeat(allowed, np.minimum(self.capacity[k], self.n), axis=1)
-                reason = explain_infeasible(allowed, self.naming)
-                if reason:
-                    raise ValueError(
-                        f"benefits at {self.naming.step(k)}: {reason}; allow more pairs or append idle tasks"
-                    )
-
-
-def _labels(labels: Sequence[str] | None, count: int, name: str) -> tuple[str, ...] | None:
-    if labels is None:
-        return None
-    if isinstance(labels, str) or not isinstance(labels, Iterable):
-        raise ValueError(f"{name} must be a list of {count} labels, got {labels!r}")
-    out = tuple(str(x) for x in labels)
-    if len(out) != count:
-        raise ValueError(f"{name}: {len(out)} labels for {count} {name}")
-    for i, label in enumerate(out):
-        try:
-            label.encode()
-        except UnicodeEncodeError:
-            raise ValueError(
-                f"{name}: label {i}, {label!r}, holds half a character, which no file can hold"
-            ) from None
-    return out
