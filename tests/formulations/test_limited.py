@@ -165,6 +165,22 @@ def test_descent_within_bounds(seed: int) -> None:
     assert function(x)[0] <= found.fun + 1e-6 * abs(found.fun)
 
 
+@pytest.mark.parametrize("scale", [1e-150, 1e-160, 1e-170, 1e-300, 1e-308])
+def test_descent_where_squares_vanish(scale: float) -> None:
+    """Slopes whose squares are no numbers any more end in a point no worse than the start, without an error."""
+    rng = np.random.default_rng(0)
+    matrix, shift = rng.normal(size=(12, 6)), rng.normal(size=12)
+
+    def function(x: Any) -> Any:
+        rest = matrix @ x - shift
+        return scale * float(rest @ rest), 2.0 * scale * (matrix.T @ rest)
+
+    start = rng.random(6)
+    x = minimised(function, start, np.ones(6), 50)
+    assert np.isfinite(x).all()
+    assert function(x)[0] <= function(start)[0]
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_arcs_that_break_a_limit_alone_are_not_missed(seed: int) -> None:
     """Without them the relaxation is no higher, and the optimum is the same."""

@@ -23,7 +23,7 @@ _CURVED = 1e-12
 """Least curvature along a step, relative, that is worth remembering."""
 _HALVINGS = 20
 _LEAST = float(np.finfo(np.float64).tiny)
-"""Slope that counts as none."""
+"""Slopes and curvatures below count as none: they have lost digits, and their inverse may be infinite."""
 
 Pairs = deque[tuple[FloatArray, FloatArray, float]]
 
@@ -56,7 +56,7 @@ def minimised(
         stuck = ((x <= 0) & (slope > 0)) | ((x >= high) & (slope < 0))
         free = np.where(stuck, 0.0, slope)
         size = float(np.abs(free).max(initial=0.0))
-        if size < _LEAST:  # its inverse would be infinite
+        if size < _LEAST:
             return x
         step = _direction(free, pairs)
         step[stuck] = 0.0
@@ -75,8 +75,9 @@ def minimised(
             return x
         moved, turned = there - x, onward - slope
         curve = _dot(moved, turned)
-        if curve > _CURVED * _dot(turned, turned):
-            pairs.append((moved, turned, 1.0 / curve))
+        bend = _dot(turned, turned)
+        if bend > _LEAST and curve > max(_CURVED * bend, _LEAST):
+            pairs.append((moved, turned, curve))
         small = value - fallen <= tolerance * max(abs(value), abs(fallen), 1e-300)
         x, value, slope = there, fallen, onward
         if small:
@@ -88,15 +89,15 @@ def _direction(slope: FloatArray, pairs: Pairs) -> FloatArray:
     """Minus the slope times the inverse Hessian that the pairs tell of."""
     out = -slope
     shares = []
-    for moved, turned, inverse in reversed(pairs):
-        share = inverse * _dot(moved, out)
+    for moved, turned, curve in reversed(pairs):
+        share = _dot(moved, out) / curve
         out -= share * turned
         shares.append(share)
     if pairs:
-        moved, turned, inverse = pairs[-1]
-        out *= 1.0 / (inverse * _dot(turned, turned))
-    for (moved, turned, inverse), share in zip(pairs, reversed(shares), strict=True):
-        out += (share - inverse * _dot(turned, out)) * moved
+        moved, turned, curve = pairs[-1]
+        out *= curve / _dot(turned, turned)
+    for (moved, turned, curve), share in zip(pairs, reversed(shares), strict=True):
+        out += (share - _dot(turned, out) / curve) * moved
     return out
 
 
