@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -262,3 +263,14 @@ def _whole(weight: np.ndarray, bound: float) -> bool:
 def placed(plan: Any) -> IntArray:
     """A plan as an array."""
     return np.array(plan, dtype=np.int64)
+
+
+def feasible(seed: int, kind: str, count: int) -> Iterator[tuple[Tiny, float]]:
+    """So many random problems of a kind that have a plan, each with its optimum over all plans."""
+    rng = np.random.default_rng(seed)
+    while count > 0:
+        made = tiny(rng, kind, plans=400)
+        best = -math.inf if made is None else made.optimum()[0]
+        if made is not None and math.isfinite(best):
+            count -= 1
+            yield made, best

@@ -232,8 +232,8 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 def mean(rows: list[dict[str, Any]], key: str) -> float | None:
     """Mean over the seeds, None where one of them has no figure."""
-    values = [row.get(key) for row in rows]
-    return None if None in values else float(np.mean(values))  # type: ignore[arg-type]  # no None is left
+    known = [row[key] for row in rows if row.get(key) is not None]
+    return float(np.mean(known)) if len(known) == len(rows) else None
 
 
 def percent(share: float | None) -> str:

@@ -77,7 +77,7 @@ def _own(value: datetime) -> datetime:
     )  # fmt: skip
 
 
-def instant(time: Time) -> Time:
+def instant(time: Time) -> Any:
     """What to compare and subtract: a stamp with a zone in UTC, everything else as it is."""
     return time.astimezone(UTC) if isinstance(time, datetime) and time.tzinfo is not None else time
 
@@ -121,7 +121,7 @@ def checked_times(times: Any, T: int) -> tuple[Time, ...] | None:
         raise ValueError(f"times: {len(out)} times for {T} steps")
     check_one_kind(out, "times")
     for k in range(1, T):
-        if not instant(out[k - 1]) < instant(out[k]):  # type: ignore[operator]  # one kind
+        if not instant(out[k - 1]) < instant(out[k]):
             raise ValueError(f"times: step {k} begins at {out[k]}, not after step {k - 1} ({out[k - 1]})")
     return tuple(out)
 
@@ -138,7 +138,7 @@ def step_ends(times: tuple[Time, ...]) -> list[Time | None]:
         return [*times[1:], last + (last - before)]
     if len(times) == 1:
         return [None]
-    end: Any = instant(last) - instant(times[-2]) + instant(last)  # type: ignore[operator]
+    end: Any = instant(last) - instant(times[-2]) + instant(last)
     return [*times[1:], end.astimezone(last.tzinfo) if last.tzinfo is not None else end]
 
 

@@ -81,3 +81,17 @@ def root_mean_square(values: FloatArray) -> float:
     sizes = np.abs(values[np.isfinite(values)])
     top = float(sizes.max(initial=0.0))
     return top * float(np.sqrt(np.mean((sizes / top) ** 2))) if top > 0 else 1.0
+
+
+def checked_cost(cost: Any) -> float:
+    """One cost of a dynamics.
+
+    Raises
+    ------
+    ValueError
+        If it is no finite number, or negative.
+    """
+    number = real_array(cost, "cost")
+    if number.ndim or not np.isfinite(number) or number < 0:
+        raise ValueError(f"cost must be one finite number, not negative, got {cost!r}")
+    return float(number)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from limited_problems import LOCAL, tiny
+from limited_problems import LOCAL, feasible
 from strategies import Instance, instances
 
 from sapopt import SAP, Limit, Result, SwitchingCost, Team
@@ -48,16 +48,7 @@ def plan_of(problem: SAP, point: dict[str, float]) -> np.ndarray:
 @pytest.mark.parametrize("kind", LOCAL)
 def test_the_optimum_is_that_of_the_problem(kind: str, suffix: str, tmp_path: Path) -> None:
     """Tiny problems with capacities, idleness, limits and teams, of every kind of dynamics, against all plans."""
-    rng = np.random.default_rng(5)
-    tried = 0
-    while tried < 6:
-        made = tiny(rng, kind, plans=400)
-        if made is None:
-            continue
-        best, _ = made.optimum()
-        if not np.isfinite(best):
-            continue
-        tried += 1
+    for made, best in feasible(5, kind, 6):
         made.problem.write(tmp_path / f"p{suffix}")
         value, point = solved(tmp_path / f"p{suffix}")
         assert value == pytest.approx(best, abs=1e-6)

@@ -8,7 +8,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 import pytest
-from limited_problems import LOCAL, tiny
+from limited_problems import LOCAL, feasible
 
 from sapopt import SAP, InfeasibleError, Limit, SwitchingCost, Team, bound
 from sapopt.dynamics import Interference
@@ -20,16 +20,7 @@ from sapopt.problem.result import Status
 @pytest.mark.parametrize("kind", LOCAL)
 def test_the_optimum_is_that_of_the_problem(kind: str) -> None:
     """Tiny problems with capacities, idleness, limits and teams, of every kind of dynamics, against all plans."""
-    rng = np.random.default_rng(11)
-    tried = 0
-    while tried < 5:
-        made = tiny(rng, kind, plans=400)
-        if made is None:
-            continue
-        best, _ = made.optimum()
-        if not np.isfinite(best):
-            continue
-        tried += 1
+    for made, best in feasible(11, kind, 5):
         answer = open_model(made.problem).solve()
         assert answer.result.value == pytest.approx(best, abs=1e-6)
         assert answer.result.status is Status.OPTIMAL

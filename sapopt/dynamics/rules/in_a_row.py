@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.data.types import FloatArray, IntArray, checked_cost, index_array
 from sapopt.dynamics.base import Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
@@ -53,10 +53,7 @@ class AtMostInARow(AgentLocal):
         if isinstance(self.most, bool) or int(self.most) != self.most or self.most < 1:
             raise ValueError(f"most must be a whole number of steps, at least 1, got {self.most!r}")
         object.__setattr__(self, "most", int(self.most))
-        cost = real_array(self.cost, "cost")
-        if cost.ndim or not np.isfinite(cost) or cost < 0:
-            raise ValueError(f"cost must be one finite number, not negative, got {self.cost!r}")
-        object.__setattr__(self, "cost", float(cost))
+        object.__setattr__(self, "cost", checked_cost(self.cost))
         if self.worked is not None:
             worked = index_array(self.worked, "worked")
             if worked.ndim != 1 or (worked < 0).any() or (worked > self.most).any():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.data.types import FloatArray, IntArray, checked_cost, index_array
 from sapopt.dynamics.base import AgentColumns, Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
@@ -52,10 +52,7 @@ class Jobs(AgentLocal):
         if length.ndim > 3 or (length < 1).any():
             raise ValueError("length must be whole numbers of at least 1 that broadcast to (T, n, m)")
         object.__setattr__(self, "length", length)
-        cost = real_array(self.cost, "cost")
-        if cost.ndim or not np.isfinite(cost) or cost < 0:
-            raise ValueError(f"cost must be one finite number, not negative, got {self.cost!r}")
-        object.__setattr__(self, "cost", float(cost))
+        object.__setattr__(self, "cost", checked_cost(self.cost))
 
     def __repr__(self) -> str:
         return f"Jobs(length={self.length.min(initial=1)}..{self.length.max(initial=1)}, cost={self.cost})"

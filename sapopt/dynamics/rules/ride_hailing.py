@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray, index_array, real_array
+from sapopt.data.types import FloatArray, IntArray, checked_cost, index_array
 from sapopt.dynamics.base import AgentColumns, Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
@@ -43,18 +43,25 @@ def checked_places(places: object, name: str, count: int) -> IntArray:
     return found
 
 
-def checked_cost(cost: object) -> float:
-    """Cost of a step of empty driving.
+def check_requests(problem: Setting, home: IntArray, pick_up: IntArray) -> None:
+    """Check that drivers and requests fit a problem.
 
     Raises
     ------
     ValueError
-        If it is no finite number, or negative.
+        If there are more or fewer drivers than agents, or a benefit is negative or of no request.
     """
-    number = real_array(cost, "cost")
-    if number.ndim or not np.isfinite(number) or number < 0:
-        raise ValueError(f"cost must be one finite number, not negative, got {cost!r}")
-    return float(number)
+    if len(home) != problem.n:
+        raise ValueError(f"home has {len(home)} places for {problem.n} drivers")
+    flat = problem.benefits.flat()
+    if int(flat.indices.max(initial=-1)) >= len(pick_up):
+        raise ValueError(
+            f"pick_up has {len(pick_up)} places, but task {flat.indices.max()} has a benefit as well"
+        )
+    if len(flat.data) and flat.data.min() < 0:
+        raise ValueError(
+            "benefits must not be negative here; leave requests out that are not worth their way"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +121,8 @@ class RideHailing(AgentLocal):
 
     def validate(self, problem: Setting) -> None:
         """Check that drivers and requests fit the problem, and that no request is on offer twice."""
-        if len(self.home) != problem.n:
-            raise ValueError(f"home has {len(self.home)} places for {problem.n} drivers")
+        check_requests(problem, self.home, self.pick_up)
         flat = problem.benefits.flat()
-        if int(flat.indices.max(initial=-1)) >= len(self.pick_up):
-            raise ValueError(
-                f"pick_up has {len(self.pick_up)} places, but task {flat.indices.max()} has a benefit as well"
-            )
-        if len(flat.data) and flat.data.min() < 0:
-            raise ValueError(
-                "benefits must not be negative here; leave requests out that are not worth their way"
-            )
         step = np.repeat(np.arange(problem.T), np.diff(flat.indptr[:: problem.n]))
         offers = np.unique(step * problem.m + flat.indices) % problem.m
         if len(np.unique(offers)) < len(offers):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray, real_array
+from sapopt.data.types import FloatArray, IntArray, checked_cost, real_array
 from sapopt.dynamics.base import AgentColumns, Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
 
@@ -45,10 +45,7 @@ class SlewCost(AgentLocal):
     targets_km: FloatArray
 
     def __post_init__(self) -> None:
-        cost = real_array(self.cost, "cost")
-        if cost.ndim or not np.isfinite(cost) or cost < 0:
-            raise ValueError(f"cost must be one finite number, not negative, got {self.cost!r}")
-        object.__setattr__(self, "cost", float(cost))
+        object.__setattr__(self, "cost", checked_cost(self.cost))
         for name, axes in (("satellites_km", 3), ("targets_km", 2)):
             array = real_array(getattr(self, name), name)
             if array.ndim != axes or array.shape[-1] != 3 or not np.isfinite(array).all():

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sapopt.data.types import FloatArray, IntArray, index_array
+from sapopt.data.types import FloatArray, IntArray, checked_cost, index_array
 from sapopt.dynamics.base import AgentColumns, Setting
 from sapopt.dynamics.rules.agent_local import AgentLocal, LocalStates
-from sapopt.dynamics.rules.ride_hailing import checked_cost, checked_places, checked_travel
+from sapopt.dynamics.rules.ride_hailing import check_requests, checked_places, checked_travel
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +67,7 @@ class WaitingRides(AgentLocal):
 
     def validate(self, problem: Setting) -> None:
         """Check that drivers and requests fit the problem."""
-        if len(self.home) != problem.n:
-            raise ValueError(f"home has {len(self.home)} places for {problem.n} drivers")
-        flat = problem.benefits.flat()
-        if int(flat.indices.max(initial=-1)) >= len(self.pick_up):
-            raise ValueError(
-                f"pick_up has {len(self.pick_up)} places, but task {flat.indices.max()} has a benefit as well"
-            )
-        if len(flat.data) and flat.data.min() < 0:
-            raise ValueError(
-                "benefits must not be negative here; leave requests out that are not worth their way"
-            )
+        check_requests(problem, self.home, self.pick_up)
 
     def start(self, problem: Setting) -> IntArray:
         """All drivers are free at home; an initial assignment tells nothing about them."""

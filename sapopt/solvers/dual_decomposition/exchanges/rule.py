@@ -11,6 +11,7 @@ from sapopt.dynamics.copies.paths import SyntheticPaths
 from sapopt.dynamics.paths.window import flat_benefits
 from sapopt.kernels.jit import njit
 from sapopt.problem.sap import SAP
+from sapopt.solvers.dual_decomposition.network_plans.arrays import lookup
 
 PairRule = namedtuple(
     "PairRule", "indptr indices data table agents cost matrix forfeit idle_is_free needs_sight real initial"
@@ -59,16 +60,7 @@ def benefit(rule, k, i, j):  # type: ignore[no-untyped-def]
     """Return the benefit of agent i on task j at step k."""
     if rule.table.shape[0] > 0:
         return rule.table[k, i, j]
-    row = k * rule.agents + i
-    lo, end = rule.indptr[row], rule.indptr[row + 1]
-    hi = end
-    while lo < hi:
-        middle = (lo + hi) >> 1
-        if rule.indices[middle] < j:
-            lo = middle + 1
-        else:
-            hi = middle
-    return rule.data[lo] if lo < end and rule.indices[lo] == j else 0.0
+    return lookup(rule, k, i, j)
 
 
 @njit(borrows=True, nogil=True, no_cpython_wrapper=True)

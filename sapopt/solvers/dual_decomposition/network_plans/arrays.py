@@ -99,7 +99,7 @@ def lookup(rows, k, i, j):  # type: ignore[no-untyped-def]
     row = k * rows.agents + i
     lo, hi = rows.indptr[row], rows.indptr[row + 1]
     while lo < hi:
-        mid = (lo + hi) // 2
+        mid = (lo + hi) >> 1
         if rows.indices[mid] < j:
             lo = mid + 1
         else:
