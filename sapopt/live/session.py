@@ -273,10 +273,19 @@ class Session:
 
     def _twin(self) -> Session:
         """A session like this one that has not begun."""
-        twin = Session.__new__(Session)
-        twin._settings = replace(self._settings, holding={})
-        twin._standing, twin._lock, twin._pace = Standing(), threading.Lock(), self._pace
-        return twin
+        return self._of(replace(self._settings, holding={}), Standing(), self._pace)
+
+    @classmethod
+    def _of(cls, settings: Settings, standing: Standing, pace: Pace) -> Session:
+        """A session that stands where `standing` says."""
+        out = cls.__new__(cls)
+        out._settings, out._standing, out._lock, out._pace = settings, standing, threading.Lock(), pace
+        return out
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, also in another process, stands where this one stands now and goes its own way."""
+        with self._lock:
+            return self._of, (self._settings, self._standing, Pace())
 
     def save(self, path: str | Path) -> None:
         """Write all that the session carries to a file, whole or not at all.
@@ -309,11 +318,7 @@ class Session:
         ValueError
             If the file is damaged or something else, or a policy or dynamics is needed and not given.
         """
-        settings, standing = loaded(path, policy, dynamics)
-        out = cls.__new__(cls)
-        out._settings, out._standing = settings, standing
-        out._lock, out._pace = threading.Lock(), Pace()
-        return out
+        return cls._of(*loaded(path, policy, dynamics), Pace())
 
 
 def _check_taken(settings: Settings) -> None:

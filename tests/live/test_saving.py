@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -43,6 +44,16 @@ def step(session: Session, k: int, **options: Any) -> tuple[Any, ...]:
         decision.gained,
         decision.changes,
     )
+
+
+def test_a_pickled_session_goes_on_by_itself() -> None:
+    """A session sent to a worker stands where it stood and shares nothing with the one that stayed."""
+    session = Session(DualLookahead(3), announce=2)
+    for k in range(5):
+        sent = pickle.loads(pickle.dumps(session))
+        expected = step(session, k)
+        assert step(sent, k) == expected
+        assert (sent.steps, sent.assignment) == (session.steps, session.assignment)
 
 
 @pytest.mark.parametrize("rule", RULES)
