@@ -103,6 +103,14 @@ class IdlePlace(Model):
         """That of the rule."""
         return self.inner.interaction(k, state, assignments)
 
+    def marginal(self, k: int, state: Any, activity: FloatArray) -> FloatArray:
+        """That of the rule."""
+        return self.inner.marginal(k, state, activity)
+
+    def serves(self, k: int, state: Any, assignment: IntArray) -> np.ndarray:
+        """That of the rule."""
+        return self.inner.serves(k, state, assignment)
+
     def key(self, state: Any) -> Hashable:
         """That of the rule."""
         return self.inner.key(state)

@@ -7,6 +7,7 @@ for planners, unless it has a penalty, which is then paid.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,6 +69,13 @@ class Ledger:
     def _ordered(self) -> list[tuple[Weights, IntArray]]:
         rows = self.problem.rows
         return [(w, np.argsort(w.cell, kind="stable")) for w in (rows.pair, rows.taken, rows.stayed)]
+
+    def after(self, k: int, tasks: IntArray) -> Ledger:
+        """The ledger if these tasks are held at step k; this one stays as it is."""
+        further = copy.copy(self)
+        further.used = self.used.copy()
+        further.enter(k, tasks)
+        return further
 
     def rules(self, k: int) -> StepRules:
         """What is allowed at step k."""
@@ -137,24 +145,50 @@ class StepRules:
             If there is none.
         """
         problem = self.ledger.problem
-        assert problem.capacity is not None
-        room = np.minimum(problem.capacity[start:stop].min(axis=0), problem.n)
-        is_free = start != self.k or not len(self._active)
+        room = self.room(start, stop)
+        is_free = self._is_free(start)
         if isinstance(matrix, GainMatrix):
             if is_free and rests_beside(room, problem.rows.idle) and problem.n * problem.m >= LARGE:
                 return beside_rest(matrix, problem.rows.idle)
             matrix = matrix.toarray()
         if is_free:
             return self._resting(matrix, transported(matrix, room))
-        tried = np.where(self._closed, -np.inf, matrix)
+        tried = self.opened(matrix, start)
         try:
-            tasks = self._resting(tried, transported(tried, room))
-            beyond = self._beyond(tasks) > 0
-            if not (beyond & np.isinf(problem.rows.penalty) if priced else beyond).any():
+            tasks = self.accepted(tried, transported(tried, room), start, priced=priced)
+            if tasks is not None:
                 return tasks
         except InfeasibleError:
             pass  # the programme says which limit is in the way
         return self._programme(matrix, room)
+
+    def room(self, start: int, stop: int) -> IntArray:
+        """How many agents every task takes all through the steps ``start .. stop - 1``, shape (m,); at most n."""
+        problem = self.ledger.problem
+        assert problem.capacity is not None
+        return np.minimum(problem.capacity[start:stop].min(axis=0), problem.n)
+
+    def opened(self, matrix: FloatArray, start: int) -> FloatArray:
+        """A matrix for steps from `start` on, with -inf for pairs that alone would break a hard limit at this step."""
+        return matrix if self._is_free(start) else np.where(self._closed, -np.inf, matrix)
+
+    def accepted(
+        self, matrix: FloatArray, tasks: IntArray, start: int, *, priced: bool = False
+    ) -> IntArray | None:
+        """An assignment within the capacities, with nobody on a task in vain; None if another may keep limits better.
+
+        `matrix` is what was assigned by; `priced` as for `assign`.
+        """
+        tasks = self._resting(matrix, tasks)
+        if self._is_free(start):
+            return tasks
+        beyond = self._beyond(tasks) > 0
+        broken = beyond & np.isinf(self.ledger.problem.rows.penalty) if priced else beyond
+        return None if broken.any() else tasks
+
+    def _is_free(self, start: int) -> bool:
+        """Whether no limit counts for an assignment that begins at a step."""
+        return start != self.k or not len(self._active)
 
     def allows(self, tasks: IntArray) -> bool:
         """Whether an assignment of this very step breaks no hard limit."""

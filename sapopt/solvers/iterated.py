@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from sapopt.data.matrices import GainMatrix, checked_matrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
-from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.base import EXTRAS, check_lookahead
 from sapopt.solvers.policy import Generator, myopic
 
 
@@ -41,6 +42,8 @@ class IteratedAssignment:
     iterations: int = 12
     damping: float = 0.5
     generator: Generator = myopic
+
+    takes: ClassVar[frozenset[str]] = EXTRAS
 
     def __post_init__(self) -> None:
         check_lookahead(self.iterations, "iterations")

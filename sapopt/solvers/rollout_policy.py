@@ -16,7 +16,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook, Policy
-from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.base import EXTRAS, Extended, check_lookahead
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class RolloutPolicy:
     If the benefits are known, `base` is deterministic and decides from the outlook alone, and rollouts go to the end,
     the plan is worth at least that of `base`: the best rollout so far is tried again at every step (Bertsekas,
     *Rollout, Policy Iteration, and Distributed Reinforcement Learning*, 2020, section 2.3). Short rollouts guarantee
-    nothing.
+    nothing. Limits are kept in rollouts too; penalties and the rewards of teams are not seen there.
 
     Examples
     --------
@@ -64,6 +64,16 @@ class RolloutPolicy:
                 )
         if self.steps is not None:
             check_lookahead(self.steps, "steps")
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """What all its policies take."""
+        return EXTRAS.intersection(
+            *(
+                policy.takes if isinstance(policy, Extended) else ()
+                for policy in (self.base, *self.candidates)
+            )
+        )
 
     @property
     def name(self) -> str:
@@ -101,6 +111,8 @@ class RolloutPolicy:
             k = outlook.k + 1
             if k >= stop or total == -np.inf:
                 return total
+            if outlook.rules is not None:
+                outlook = replace(outlook, rules=outlook.rules.ledger.after(k - 1, tasks).rules(k))
             outlook = replace(outlook, k=k, state=problem.transition(k - 1, outlook.state, tasks))
             try:
                 tasks, memory = self.base.act(outlook, memory)

@@ -18,10 +18,10 @@ from sapopt.domains.tiny import tiny_problems
 from sapopt.dynamics import AtMostInARow, Battery, Jobs, SlewCost, SyntheticSwitching, WaitingRides
 from sapopt.live.decision import Outcome
 from sapopt.solvers import (
-    CBBA,
     HAA,
     HAAL,
     AssignmentPolicy,
+    DistributedDualLookahead,
     DualDecomposition,
     DualLookahead,
     Greedy,
@@ -354,7 +354,7 @@ BAD_SESSIONS: list[tuple[dict[str, Any], str]] = [
     ({"limits": [Limit.visits("x")]}, "takes once, work, handovers and cover"),
     ({"limits": [Limit.work("a", at_least=2)]}, "at_least needs a last step"),
     ({"limits": [Limit.cover("x", 1, steps=[0])]}, "steps have no meaning"),
-    ({"policy": CBBA(2), "idle": True}, "does not take idle"),
+    ({"policy": DistributedDualLookahead(2), "idle": True}, "does not take idle"),
 ]
 
 

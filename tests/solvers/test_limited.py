@@ -23,9 +23,9 @@ from sapopt import (
 )
 from sapopt.dynamics import Interference
 from sapopt.solvers import (
-    CBBA,
     HAA,
     HAAL,
+    DistributedDualLookahead,
     DualDecomposition,
     DualLookahead,
     Exact,
@@ -179,8 +179,10 @@ def test_contradicting_limits_are_named() -> None:
 def test_a_solver_that_cannot_says_so() -> None:
     """A solver without the capability is refused before it starts, by name."""
     problem = SAP(np.ones((2, 2, 2)), 0.0, capacity=2, limits=[Limit.once()])
-    with pytest.raises(ValueError, match=r"CBBA.* does not take problems with capacity and limits"):
-        solve(problem, CBBA(1))
+    with pytest.raises(
+        ValueError, match=r"DistributedDual.* does not take problems with capacity and limits"
+    ):
+        solve(problem, DistributedDualLookahead(2))
     with pytest.raises(ValueError, match=r"Exact\(milp\) does not take"):
         solve(problem, Exact("milp"))
     with pytest.raises(ValueError, match=r"not agent-local|local_model"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from sapopt.data.types import FloatArray, IntArray, real_array, real_csr
 from sapopt.kernels.blocks import thread_count
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
+from sapopt.solvers.base import EXTRAS
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
@@ -245,6 +246,8 @@ class DistributedAuction(Talks):
     faults: Faults | None = None
     max_rounds: int = MAX_ROUNDS
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+
     def __post_init__(self) -> None:
         check_options(self.epsilon, self.max_rounds, self.faults)
         if self.scaling is not None:
@@ -302,6 +305,10 @@ class DistributedAuction(Talks):
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> Memory:
         """Check the graphs."""
+        if self.scaling is not None and not problem.is_plain:
+            raise ValueError(
+                "scaling: problems with capacities, idleness, limits or teams are auctioned at one epsilon"
+            )
         seed = int(rng.integers(2**62))
         return common.begin(problem, self.graph, self.allow_disconnected, self.faults, seed)
 
@@ -309,6 +316,12 @@ class DistributedAuction(Talks):
         """Assign beta_hat of the current step."""
         scene = common.open_step(outlook, memory, self.allow_disconnected, self.faults)
         matrix = outlook.beta_hat()
+        if outlook.rules is not None:
+            from sapopt.solvers.distributed.seats import auctioned  # which holds its auctions by this module
+
+            now = (outlook.k, outlook.k + 1)
+            tasks = auctioned(outlook, {now: matrix}, scene, self.epsilon, self.max_rounds)[now]
+            return tasks, common.close_step(scene, memory, tasks, np.ones(len(tasks), dtype=bool))
         reason = infeasible(matrix, scene)
         if reason:
             raise InfeasibleError(f"step {outlook.k}: {reason}")

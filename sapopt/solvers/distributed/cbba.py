@@ -14,24 +14,31 @@ so that the announced bids behave as if the gain were diminishing.
 claim for the current step, with the bid, and which task they hold. All then apply the same rule to the same claims: the
 highest bid has the task, equal bids the lower number; who has no task keeps the one it holds if nobody has it, and
 else, in ascending order, takes the lowest free one. So no task is given twice even if the consensus was stopped early.
+
+**Capacities, idleness, limits.** Every place of a task is a slot of its own (`sapopt.solvers.distributed.seats`). The
+rule for the claims then is: as many claims as capacities and limits allow, the dearest ones first; who claims nothing
+waits on the task it holds, or holds nothing (`sapopt.solvers.limited.greedy.kept_choices`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.formulations.limited.useful import switching_rule
 from sapopt.kernels.blocks import in_blocks
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
-from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.base import EXTRAS, check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.common import Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
+from sapopt.solvers.distributed.seats import Seats, seated_cost, seated_offers, seats_of
 from sapopt.solvers.distributed.simulator import ENTRY_BYTES, HEADER_BYTES
+from sapopt.solvers.limited.greedy import kept_choices
 
 _STAMP_BYTES = 4
 CLAIM_BYTES = 16
@@ -71,6 +78,8 @@ class CBBA(Talks):
     faults: Faults | None = None
     max_rounds: int = 2000
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
         check_options(None, self.max_rounds, self.faults)
@@ -82,12 +91,12 @@ class CBBA(Talks):
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> Memory:
         """Check the problem and the graphs."""
-        if problem.model.switching() is None:
+        if switching_rule(problem) is None:
             raise ValueError(
                 f"dynamics: CBBA scores the handovers of a SwitchingCost, not of {problem.model.called}; "
                 "use HAALD"
             )
-        if problem.benefits.forbids():
+        if problem.is_plain and problem.benefits.forbids():
             raise ValueError(
                 "benefits: CBBA parks idle agents on any free task, but pairs are forbidden; use HAALD"
             )
@@ -97,27 +106,42 @@ class CBBA(Talks):
     def act(self, outlook: Outlook, memory: Memory) -> tuple[IntArray, Memory]:
         """Build bundles, agree on the winners, execute the current step."""
         scene = common.open_step(outlook, memory, self.allow_disconnected, self.faults)
-        claimed, bids = self._consensus(outlook, scene)
+        seats = None
+        if outlook.rules is not None:
+            seats = seats_of(outlook, min(outlook.k + self.lookahead, outlook.end), private=False)
+        claimed, bids = self._consensus(outlook, scene, seats)
         scene.simulator.flood(np.full(outlook.problem.n, CLAIM_BYTES))
+        if seats is not None:
+            assert outlook.rules is not None
+            claimed = np.where(claimed < 0, -1, seats.task[np.maximum(claimed, 0)])
+            scene.simulator.flood(np.full(outlook.problem.n, -(-outlook.problem.m // 8)))  # a bit a pair
+            tasks = kept_choices(outlook, claimed, bids, outlook.rules.ledger.previous)
+            return tasks, common.close_step(scene, memory, tasks, np.ones(len(tasks), dtype=bool))
         tasks = settle(claimed, bids, memory.held, scene.component, scene.open_tasks)
         tasks[scene.dead] = memory.held[scene.dead]
         return tasks, common.close_step(scene, memory, tasks, np.ones(len(tasks), dtype=bool))
 
-    def _consensus(self, outlook: Outlook, scene: Scene) -> tuple[IntArray, FloatArray]:
-        """Claimed task of every agent at the current step (-1: none) and its bid."""
+    def _consensus(self, outlook: Outlook, scene: Scene, seats: Seats | None) -> tuple[IntArray, FloatArray]:
+        """Claimed task of every agent at the current step (-1: none) and its bid; of seats, where tasks have some."""
         from sapopt.solvers.distributed import cbba_kernels as kernels
 
-        n, m = outlook.problem.n, outlook.problem.m
         window = outlook.benefits(self.lookahead)
-        steps = window.shape[0]
-        flat = window.flat()
-        rule = outlook.model.switching()
+        rule = switching_rule(outlook.problem)
         assert rule is not None
+        cost: Any = rule.cost
+        held = np.full(outlook.problem.n, -1) if outlook.state is None else outlook.state
+        open_tasks = scene.open_tasks
+        if seats is not None:
+            window, cost = seated_offers(outlook, window, seats), seated_cost(rule.cost, seats)
+            held = np.where(held < 0, -1, np.searchsorted(seats.task, held))
+            open_tasks = np.ones((1, len(seats.task)), dtype=bool)
+        steps, n, m = window.shape
+        flat = window.flat()
         offers = kernels.Offers(
             steps, n, m, flat.indptr, flat.indices, flat.data,
-            cost=np.atleast_2d(np.asarray(rule.cost, dtype=np.float64)),
-            held=np.full(n, -1) if outlook.state is None else outlook.state,
-            open_task=scene.open_tasks[scene.component],
+            cost=np.atleast_2d(np.asarray(cost, dtype=np.float64)),
+            held=held,
+            open_task=open_tasks[scene.component],
         )  # fmt: skip
         tables = kernels.Tables(
             np.zeros((n, steps * m)),

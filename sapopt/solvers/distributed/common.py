@@ -32,6 +32,7 @@ from sapopt.solvers.distributed.simulator import Simulator, Traffic
 log = logging.getLogger(__name__)
 
 MAX_ROUNDS = 20_000
+_HELD_BYTES = 4
 _NO_TRAFFIC = Traffic()
 
 
@@ -88,6 +89,8 @@ class Scene:
     open_tasks : ndarray of bool, shape (components, m)
         Tasks that a component may assign.
     dead : ndarray of bool, shape (n,)
+    room : ndarray of int64, shape (m,), or None
+        How many agents every task takes; None: one.
     """
 
     network: Network
@@ -95,6 +98,7 @@ class Scene:
     component: IntArray
     open_tasks: np.ndarray
     dead: np.ndarray
+    room: IntArray | None = None
 
     def closed_prices(self, count: int) -> np.ndarray:
         """Starting prices of the agents, shape ``(count, m, n)``: zero, +inf for tasks they may not take."""
@@ -115,6 +119,12 @@ def check_options(epsilon: float | None, max_rounds: int, faults: Faults | None)
 def begin(problem: SAP, graph: Any, allow_disconnected: bool, faults: Faults | None, seed: int) -> Memory:
     """Memory before the first step; checks the graphs against the problem."""
     n, m = problem.n, problem.m
+    if not problem.is_plain and (allow_disconnected or (faults is not None and faults.splits)):
+        named = "allow_disconnected" if allow_disconnected else "faults"
+        raise ValueError(
+            f"{named}: with capacities, idleness, limits or teams all agents must hear each other, for a part that is "
+            "cut off cannot know what the others use; leave it out"
+        )
     networks = Networks(graph, n, problem.T)
     if faults is not None:
         faults.check(n)
@@ -127,7 +137,7 @@ def begin(problem: SAP, graph: Any, allow_disconnected: bool, faults: Faults | N
                     "part assign the tasks that it keeps"
                 )
     keeper = np.arange(m) % n
-    held = np.arange(n)
+    held = np.minimum(np.arange(n), m - 1)
     if problem.initial_assignment is not None:
         held = problem.initial_assignment
         free = np.setdiff1d(np.arange(m), held)
@@ -150,8 +160,11 @@ def open_step(outlook: Outlook, memory: Memory, allow_disconnected: bool, faults
     simulator = Simulator(network, faults, rng, outlook.check)
     component = network.components
     parts = int(component.max()) + 1
+    room = None if outlook.problem.capacity is None else outlook.problem.capacity[outlook.k]
+    if outlook.problem.rows.count:
+        simulator.flood(np.full(n, _HELD_BYTES))  # from which everybody knows what is left of every limit
     if not may_split:
-        return Scene(network, simulator, component, np.ones((1, m), dtype=bool), dead)
+        return Scene(network, simulator, component, np.ones((1, m), dtype=bool), dead, room)
     # Nobody knows who is there before all agents of the part have told what they keep.
     simulator.flood(4 * np.bincount(memory.keeper, minlength=n))
     open_tasks = component[memory.keeper] == np.arange(parts)[:, None]
@@ -191,7 +204,8 @@ def close_step(
     scene: Scene, memory: Memory, tasks: IntArray, agreed: np.ndarray, extra: Any = None
 ) -> Memory:
     """Memory after the step; `tasks` are the executed ones, `agreed` tells whose part came to an agreement."""
-    assert len(np.unique(tasks)) == len(tasks), "two agents on one task"
+    held = np.bincount(tasks, minlength=len(memory.keeper))
+    assert (held <= (1 if scene.room is None else scene.room)).all(), "more agents on a task than it takes"
     if not agreed.all():
         log.warning("%d agents keep their tasks: no agreement within the round limit", int((~agreed).sum()))
     keeper = memory.keeper.copy()

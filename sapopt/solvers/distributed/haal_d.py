@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from sapopt.data.assignment import best_assignment
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import Matrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
-from sapopt.solvers.base import check_lookahead
+from sapopt.solvers.base import EXTRAS, check_lookahead
 from sapopt.solvers.distributed import common
 from sapopt.solvers.distributed.auction import infeasible, run_auctions
 from sapopt.solvers.distributed.common import MAX_ROUNDS, Memory, Scene, Talks, check_options
 from sapopt.solvers.distributed.faults import Faults
+from sapopt.solvers.distributed.seats import Interval, auctioned
 
-Interval = tuple[int, int]
 Knowledge = Literal["own", "all"]
 _TIE = 1e-12
 
@@ -125,6 +124,10 @@ class HAALD(Talks):
     References
     ----------
     J. Holder, MSc thesis, University of Washington, 2024, section 3.4.
+
+    Notes
+    -----
+    Capacities, idleness and limits: `sapopt.solvers.distributed.seats`.
     """
 
     lookahead: int = 3
@@ -135,6 +138,8 @@ class HAALD(Talks):
     faults: Faults | None = None
     max_rounds: int = MAX_ROUNDS
     exact_intervals: bool = False
+
+    takes: ClassVar[frozenset[str]] = EXTRAS
 
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
@@ -180,6 +185,9 @@ class HAALD(Talks):
         agreed : ndarray of bool, shape (n,)
         """
         problems = interval_problems(outlook, self.lookahead, self.exact_intervals)
+        if outlook.rules is not None:
+            within = auctioned(outlook, problems, scene, self.epsilon, self.max_rounds)
+            return within, np.ones(outlook.problem.n, dtype=bool)
         for interval in list(problems):
             reason = infeasible(problems[interval], scene)
             if reason:
@@ -209,6 +217,8 @@ class CentralHAALD:
     lookahead: int = 3
     exact_intervals: bool = False
 
+    takes: ClassVar[frozenset[str]] = EXTRAS
+
     def __post_init__(self) -> None:
         check_lookahead(self.lookahead)
 
@@ -227,10 +237,10 @@ class CentralHAALD:
         problems = interval_problems(outlook, self.lookahead, self.exact_intervals)
         for interval, matrix in problems.items():
             try:
-                solved[interval] = best_assignment(matrix, outlook.parking).tasks
-            except InfeasibleError as error:
+                solved[interval] = outlook.alpha(matrix, *interval)
+            except InfeasibleError:
                 if interval == (outlook.k, outlook.k + 1):
-                    raise InfeasibleError(f"step {outlook.k}: {error}") from None
+                    raise
         cut, _ = best_sequence(
             outlook, reach(solved, outlook.k), solved, np.zeros(outlook.problem.n, dtype=np.int64)
         )

@@ -28,11 +28,7 @@ def greedily_held(outlook: Outlook, held: IntArray | None) -> IntArray:
                 room[held[i]] -= 1
     for i in np.flatnonzero(chosen < 0):
         _take(benefit[i], 0.0, int(i), chosen, room)
-    kept = _worth(outlook, chosen, np.where(chosen >= 0, benefit[np.arange(n), chosen], 0.0))
-    if held is not None:
-        waits = np.flatnonzero((chosen < 0) & (held >= 0))
-        kept[waits, held[waits]] += _WAITS
-    return outlook.assign(kept)
+    return kept_choices(outlook, chosen, np.where(chosen >= 0, benefit[np.arange(n), chosen], 0.0), held)
 
 
 def greedily_chosen(outlook: Outlook, matrix: Matrix) -> IntArray:
@@ -43,6 +39,27 @@ def greedily_chosen(outlook: Outlook, matrix: Matrix) -> IntArray:
     for i, row in enumerate(hat):
         _take(row, -np.inf, i, chosen, room)
     return outlook.assign(_worth(outlook, chosen, hat[np.arange(len(hat)), chosen]))
+
+
+def kept_choices(outlook: Outlook, chosen: IntArray, worth: FloatArray, held: IntArray | None) -> IntArray:
+    """The assignment within capacities and limits that keeps as many choices as possible.
+
+    Parameters
+    ----------
+    outlook : Outlook
+        Of a problem with limits or capacities.
+    chosen : ndarray of int64, shape (n,)
+        Task that every agent chose, -1 for none.
+    worth : ndarray, shape (n,)
+        What the choices are worth; of two that cannot both be kept, the dearer one is.
+    held : ndarray of int64, shape (n,), or None
+        Task that every agent waits on if it chose none.
+    """
+    kept = _worth(outlook, chosen, worth)
+    if held is not None:
+        waits = np.flatnonzero((chosen < 0) & (held >= 0))
+        kept[waits, held[waits]] += _WAITS
+    return outlook.assign(kept)
 
 
 def _room(outlook: Outlook) -> IntArray:
