@@ -56,7 +56,7 @@ def pins_of(frozen: Any, window: Window, standing: Standing) -> list[IntArray]:
 def _announced(count: int, standing: Standing) -> list[Assignment]:
     if count < 0:
         raise ValueError(f"frozen must not be negative, got {count}")
-    if standing.step == 0:
+    if standing.held is None:
         return []  # nothing is announced yet
     if count > len(standing.announced):
         raise ValueError(

@@ -116,8 +116,8 @@ def loaded(
 def _standing(settings: Settings, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> Standing:
     agents, tasks = _roster(meta["agents"]), _roster(meta["tasks"])
     step = _whole(meta["step"])
-    if step == 0:
-        return Standing()
+    if step == 0 or ("held" not in arrays and not len(agents)):  # no call with an agent yet
+        return Standing(step)
     parts = {prefix: {key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)}
              for prefix in _PREFIXES}  # fmt: skip
     columns = AgentColumns(

@@ -91,8 +91,10 @@ def asked(body: dict[str, Any]) -> dict[str, Any]:
             f"{sorted(unknown)[0]}: the service knows agents, tasks, benefits, budget_s, frozen and ends"
         )
     for name in ("agents", "tasks", "benefits"):
-        if not isinstance(body.get(name), list) or not body[name]:
-            raise ValueError(f"{name} must be a list that is not empty")
+        if not isinstance(body.get(name), list):
+            raise ValueError(f"{name} must be a list")
+    if not body["benefits"]:
+        raise ValueError("benefits must have at least one step, the one that begins now")
     agents = checked_names(body["agents"], len(body["agents"]), "agents")
     tasks = checked_names(body["tasks"], len(body["tasks"]), "tasks")
     rows = {name: place for place, name in enumerate(agents)}

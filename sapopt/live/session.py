@@ -19,6 +19,7 @@ from sapopt.dynamics.switching.model import SwitchingCost
 from sapopt.live.benefits import arranged, read_benefits
 from sapopt.live.deciding import decided
 from sapopt.live.decision import Assignment, Decision
+from sapopt.live.empty import NO_TASK, is_empty, without_agents, without_tasks
 from sapopt.live.limits import session_limits
 from sapopt.live.names import Name, checked_name, checked_names
 from sapopt.live.saving import loaded, saved
@@ -179,7 +180,8 @@ class Session:
             What each pair is worth at this step and the next ones, as far as is known today. W may change from call to
             call. -inf forbids a pair.
         agents, tasks : sequence of str or int
-            The ids of the rows and the columns, each once, in any order; 0, 1, ... if left out.
+            The ids of the rows and the columns, each once, in any order; 0, 1, ... if left out. There may be none:
+            without agents (``agents=[]``) nothing is decided, without tasks (``tasks=[]``) all agents idle if they may.
         budget_s : float, optional
             Seconds until the answer. The policy thinks as long as there is time; if it has no answer by then that is
             better over the window, the best assignment of this step (`HAA`) is played. It alone may take longer than a
@@ -222,6 +224,10 @@ class Session:
         budget: float | None,
     ) -> tuple[Decision, Standing]:
         """The decision of a call, and what the session carries on."""
+        if is_empty(agents):
+            return without_agents(self._settings, standing, values, tasks)
+        if is_empty(tasks):
+            values, tasks = without_tasks(values, self._settings.idle), [NO_TASK]
         benefits: Benefits = read_benefits(values, agents, tasks)
         _, n, m = benefits.shape
         given_agents, given_tasks = checked_names(agents, n, "agents"), checked_names(tasks, m, "tasks")

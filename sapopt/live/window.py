@@ -264,7 +264,7 @@ def _brought_along(
     settings: Settings, standing: Standing, agents: Roster, tasks: Roster, core: SAP
 ) -> tuple[Any, IntArray | None]:
     """State and held tasks before a window."""
-    if standing.step == 0:
+    if standing.held is None:
         held = None
         if settings.holding:
             before = [settings.holding.get(name) for name in agents.names]
@@ -273,8 +273,9 @@ def _brought_along(
         return core.model.initial_state(core), held
     was = agents.places(standing.agents)
     place = np.append(standing.tasks.places(tasks), -1)  # of a former task; idleness and nothing are the last
-    assert standing.held is not None
-    held = np.where(was >= 0, place[standing.held[was]], -1)
+    old = was >= 0
+    held = np.full(len(agents), -1)
+    held[old] = place[standing.held[was[old]]]
     columns = standing.columns
     if columns is None:
         if agents is not standing.agents or tasks is not standing.tasks:
@@ -285,7 +286,7 @@ def _brought_along(
         return standing.state, held
     none = core.rows.idle
     fresh = _fresh(core, columns, len(agents))
-    old, new = was >= 0, AgentColumns({}, {})
+    new = AgentColumns({}, {})
     for name, values in fresh.values.items():
         new.values[name] = values.copy()
         new.values[name][old] = columns.values[name][was[old]]
