@@ -76,7 +76,7 @@ def test_frozen_and_budget_by_request() -> None:
 
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"agents": None}, "agents must be a list"),
-    ({"tasks": []}, "tasks must be a list"),
+    ({"tasks": "x"}, "tasks must be a list"),
     ({"agents": ["a", "a"]}, "'a' is there twice"),
     ({"benefits": [[["a", "w", 1.0]]]}, "['a', 'w', 1.0] is not"),
     ({"benefits": [3]}, "3 is not"),
