@@ -33,7 +33,7 @@ def main() -> None:
             for numbers in polygon:
                 ring = joined(arcs, numbers)
                 if area(ring) >= LEAST_AREA_DEG2:
-                    rings.append(encoded(simplified(ring)))
+                    rings += [encoded(simplified(part)) for part in cut(ring)]
     rings = sorted((ring for ring in rings if len(ring) >= 8), key=len, reverse=True)
     head = {
         "source": "Natural Earth 1:50m land, version 4.1 (naturalearthdata.com), by way of world-atlas 2.0.2",
@@ -67,6 +67,38 @@ def area(ring: np.ndarray) -> float:
     """Area in square degrees."""
     x, y = ring.T
     return abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))) / 2
+
+
+def cut(ring: np.ndarray) -> list[np.ndarray]:
+    """The parts of a closed ring on a map from -180 to 180 degrees, so that no outline runs across the whole map.
+
+    A ring that goes round the pole is closed along the lower edge of the map.
+    """
+    ring = np.column_stack([np.unwrap(ring[:, 0], period=360.0), ring[:, 1]])
+    if abs(ring[-1, 0] - ring[0, 0]) > 180.0:
+        below = np.array([[ring[-1, 0], -90.0], [ring[0, 0], -90.0]])
+        ring = np.concatenate([ring, below, ring[:1]])
+    parts = []
+    for shift in (-360.0, 0.0, 360.0):
+        part = ring[:-1] + np.array([shift, 0.0])
+        for sign in (1.0, -1.0):
+            part = beside(part, sign)
+        if len(part) >= 3 and area(part) > 0:
+            parts.append(np.concatenate([part, part[:1]]))
+    return parts
+
+
+def beside(points: np.ndarray, sign: float) -> np.ndarray:
+    """What of an outline has ``sign * longitude`` of at most 180 (Sutherland and Hodgman)."""
+    out = []
+    for before, after in zip(np.roll(points, 1, axis=0), points, strict=True):
+        inside = sign * before[0] <= 180.0, sign * after[0] <= 180.0
+        if inside[0] != inside[1]:
+            share = (sign * 180.0 - before[0]) / (after[0] - before[0])
+            out.append([sign * 180.0, before[1] + share * (after[1] - before[1])])
+        if inside[1]:
+            out.append(list(after))
+    return np.array(out).reshape(-1, 2)
 
 
 def simplified(points: np.ndarray) -> np.ndarray:

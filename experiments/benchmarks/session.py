@@ -61,7 +61,9 @@ class World:
         )
         self.pool = everything
         shell = c.WalkerShell(40, 25, 70.0, 550.0)
-        self.positions = c.walker_positions_km([shell], steps + BLOCK + WINDOW, 60.0, start_s=60.0)
+        self.positions = c.walker_positions_km(
+            [shell], steps + BLOCK + WINDOW, 60.0, start_s=60.0, earth="still"
+        )
         rng = np.random.default_rng(seed)
         self.failing = dict(zip(rng.choice(1000, 3, replace=False).tolist(), (steps // 5 * x for x in (1, 2, 3)),
                                 strict=True))  # fmt: skip

@@ -12,12 +12,13 @@ import numpy as np
 import sapopt.solvers
 from sapopt.data.files import Entry, read_npz, write_npz
 from sapopt.dynamics.base import AgentColumns, Dynamics
+from sapopt.dynamics.capabilities import offers
 from sapopt.dynamics.registry import is_own
 from sapopt.live.decision import Assignment
 from sapopt.live.limits import session_limits
 from sapopt.live.names import Name, Roster, checked_name
 from sapopt.live.window import DynamicsOf, Settings, Standing
-from sapopt.problem.description import described, rebuilt
+from sapopt.problem.description import described, described_own, rebuilt, rebuilt_own
 from sapopt.problem.limit_files import described_limits, rebuilt_limits
 from sapopt.running.outlook import Carrying, Policy
 
@@ -55,7 +56,11 @@ def saved(path: str | Path, settings: Settings, standing: Standing) -> None:
         told, parts = described(dynamics)
         meta |= told
         arrays |= parts
-    else:
+    elif isinstance(dynamics, Dynamics) and offers(dynamics, "fingerprint"):
+        told, parts = described_own(dynamics)
+        meta |= told
+        arrays |= parts
+    else:  # a function, or a rule that does not tell what decides its values: only its name is compared
         meta["own dynamics"] = type(dynamics).__name__
     told, parts = described_limits(settings.limits)
     meta |= told
@@ -85,7 +90,7 @@ def saved(path: str | Path, settings: Settings, standing: Standing) -> None:
 
 
 def loaded(
-    path: str | Path, policy: Policy | None, dynamics: Dynamics | DynamicsOf | None
+    path: str | Path, policy: Policy | None, dynamics: Dynamics | type[Dynamics] | DynamicsOf | None
 ) -> tuple[Settings, Standing]:
     """Read a session.
 
@@ -195,8 +200,11 @@ def _same_policy(path: str | Path, meta: dict[str, Any], given: Policy | None) -
 
 
 def _same_dynamics(
-    path: str | Path, meta: dict[str, Any], arrays: dict[str, np.ndarray], given: Dynamics | DynamicsOf | None
+    path: str | Path, meta: dict[str, Any], arrays: dict[str, np.ndarray], given: Any
 ) -> Dynamics | DynamicsOf:
+    if "own" in meta:
+        own: Dynamics = rebuilt_own(meta, arrays, given, path, "Session.load")
+        return own
     if "own dynamics" not in meta:
         if given is not None:
             raise ValueError(f"dynamics: {path} holds the dynamics itself, so none is to be passed")

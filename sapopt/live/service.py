@@ -19,6 +19,17 @@ from sapopt.live.session import Session
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
+EXAMPLE: dict[str, Any] = {
+    "agents": ["north", "south"],
+    "tasks": ["port", "field"],
+    "benefits": [
+        [["north", "port", 1.0], ["north", "field", 0.9], ["south", "field", 0.8]],
+        [["north", "port", 0.9], ["south", "field", 0.9]],
+    ],
+    "budget_s": 0.1,
+}
+"""A request, which the service's own page of documentation shows."""
+
 
 def create_app(
     session: Session, *, save_to: str | Path | None = None, budget_s: float | None = None
@@ -49,7 +60,10 @@ def create_app(
     app = FastAPI(title="sapopt session")
 
     # Plain functions: FastAPI runs them in threads, so that a step keeps nobody waiting but other steps.
-    def step(body: dict[str, Any] = Body(...)) -> dict[str, Any]:  # noqa: B008  # FastAPI's way to name the body
+    def step(body: dict[str, Any] = Body(..., examples=[EXAMPLE])) -> dict[str, Any]:  # noqa: B008  # FastAPI's way
+        """Decide. `benefits` has, for each of the next steps, the pairs that are worth something, as
+        `[agent, task, benefit]`; the first step begins now. `budget_s`, `frozen` and `ends` may be left out.
+        """
         try:
             given = asked(body)
             decision = session.step(given.pop("benefits"), **{"budget_s": budget_s} | given)
@@ -60,6 +74,7 @@ def create_app(
         return answer(decision)
 
     def state() -> dict[str, Any]:
+        """How many steps were decided, what everybody holds now, and what was announced."""
         return {
             "step": session.steps, "assignment": pairs(session.assignment),
             "announced": [pairs(later) for later in session.announced],

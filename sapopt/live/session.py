@@ -309,7 +309,11 @@ class Session:
 
     @classmethod
     def load(
-        cls, path: str | Path, *, policy: Policy | None = None, dynamics: Dynamics | DynamicsOf | None = None
+        cls,
+        path: str | Path,
+        *,
+        policy: Policy | None = None,
+        dynamics: Dynamics | type[Dynamics] | DynamicsOf | None = None,
     ) -> Session:
         """A session that goes on where the saved one stood.
 
@@ -317,7 +321,9 @@ class Session:
         ----------
         path : str or Path
         policy, dynamics : optional
-            Those that the session was made with, where they are not of sapopt itself.
+            Those that the session was made with, where they are not of sapopt itself. For a dynamics of your own with
+            a ``fingerprint()`` the class is enough if it is a dataclass of numbers, texts and arrays: the file holds
+            its parameters, and one that tells another fingerprint is refused.
 
         Raises
         ------

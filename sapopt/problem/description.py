@@ -141,8 +141,10 @@ def described_own(dynamics: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     return meta, arrays
 
 
-def rebuilt_own(meta: dict[str, Any], arrays: dict[str, Any], given: Any, path: Any) -> Any:
-    """A user's dynamics of the class, or the object, that the caller hands over.
+def rebuilt_own(
+    meta: dict[str, Any], arrays: dict[str, Any], given: Any, path: Any, reader: str = "SAP.load"
+) -> Any:
+    """A user's dynamics of the class, or the object, that the caller hands over to `reader`.
 
     Raises
     ------
@@ -152,9 +154,10 @@ def rebuilt_own(meta: dict[str, Any], arrays: dict[str, Any], given: Any, path: 
     where = meta["own"]["class"]
     name = str(where).rpartition(":")[2]
     if given is None:
+        shell = f", on the command line --dynamics {where}" if reader == "SAP.load" else ""
         raise ValueError(
             f"{path}: its dynamics is {where}, a class of its user's, and a file brings no code; hand the class over: "
-            f"SAP.load(path, dynamics={name}), on the command line --dynamics {where}"
+            f"{reader}(path, dynamics={name}){shell}"
         )
     model = given
     if isinstance(given, type):

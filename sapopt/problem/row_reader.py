@@ -183,7 +183,8 @@ class _Reader:
                     cells = cells[np.isin(cells % m, tasks)]
                 else:
                     cells = ((k * n + np.arange(n))[:, None] * m + tasks).ravel()
-                yield _Row(f"{limit.called}[step {k}]", (cells, 1.0))
+                task = f"{self._task(tasks[0])}, " if limit.tasks is not None and len(tasks) == 1 else ""
+                yield _Row(f"{limit.called}[{task}step {k}]", (cells, 1.0))
         elif limit.kind == "handovers":
             groups = [agents[a : a + 1] for a in range(len(agents))] if limit.each else [agents]
             for group in groups:

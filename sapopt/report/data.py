@@ -5,27 +5,34 @@ from __future__ import annotations
 import base64
 import platform
 from collections.abc import Mapping
-from datetime import datetime
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from sapopt.data.times import Time, step_ends
 from sapopt.data.types import FloatArray
 from sapopt.plotting.aboard import aboard
 from sapopt.plotting.coastline import coastline_data
 from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
 from sapopt.report.limits import limits_of, why_of
+from sapopt.report.moments import told_times
 
 _FINE_CELLS = 400_000
 """Up to so many agents x steps, benefits are told in 65535 levels, beyond in 255, to keep the page small."""
 _TRACE_POINTS = 400
+_DUST = 1e-6
+"""Prices below this share of what a step is worth are left out: they are what solvers leave of zero."""
 
 
 def payload(
-    problem: SAP, results: Mapping[str, Result], bound: float | None, prices: Any, scenario: Any, title: str
+    problem: SAP,
+    results: Mapping[str, Result],
+    bound: float | None,
+    prices: Any,
+    scenario: Any,
+    title: str,
+    sized: bool = False,
 ) -> dict[str, Any]:
     """Everything that the page shows, as plain values.
 
@@ -40,10 +47,13 @@ def payload(
     scenario : object or None
         With ``positions_km`` and ``tasks``, as a `Constellation`; anything else gets no map.
     title : str
+    sized : bool
+        Whether the title tells the size of the problem already.
     """
     initial = problem.initial_assignment
     return {
         "title": title,
+        "sized": sized,
         "made": f"sapopt {version('sapopt')}, Python {platform.python_version()}, numpy {np.__version__}",
         "T": problem.T,
         "n": problem.n,
@@ -51,28 +61,23 @@ def payload(
         "dynamics": repr(problem.dynamics),
         "agents": None if problem.agents is None else list(problem.agents),
         "tasks": _task_labels(problem),
-        "times": _times(problem),
+        "idle": problem.idle,
+        **told_times(problem),
         "initial": None if initial is None else problem.placed(initial).tolist(),
         "bound": bound,
-        "prices": None if prices is None else _levels(np.maximum(prices, 0.0), np.uint16),
+        "prices": _prices(prices, results),
         "results": [_told(problem, name, result, bound) for name, result in results.items()],
         "map": _map(problem, scenario),
     }
 
 
-def _times(problem: SAP) -> list[str] | None:
-    """When every step begins, and when the last one ends; None where steps are only counted."""
-    if problem.times is None:
+def _prices(prices: Any, results: Mapping[str, Result]) -> dict[str, Any] | None:
+    """Prices worth showing: what is left of rounding, beside the benefits of a step, is not."""
+    if prices is None:
         return None
-    end = step_ends(problem.times)[-1]
-    return [
-        *(_moment(time) for time in problem.times),
-        "the end" if end is None else _moment(end),
-    ]
-
-
-def _moment(time: Time) -> str:
-    return time.isoformat(" ", "minutes") if isinstance(time, datetime) else str(time)
+    scale = max(float(np.abs(result.evaluation.benefit).max(initial=0.0)) for result in results.values())
+    shown = np.where(prices > _DUST * scale, prices, 0.0)
+    return _levels(shown, np.uint16)
 
 
 def _task_labels(problem: SAP) -> list[str] | None:

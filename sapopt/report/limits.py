@@ -10,6 +10,7 @@ from sapopt.data.benefits import dense_step
 from sapopt.formulations.limited.why import explanations
 from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
+from sapopt.report.moments import told_limit
 
 _ROWS = 300
 """Sums of limits shown, the dearest and the tightest first."""
@@ -32,7 +33,7 @@ def limits_of(problem: SAP, result: Result) -> dict[str, Any] | None:
     order = sorted(range(len(uses)), key=lambda r: (-uses[r].cost, -price[r], uses[r].slack))
     rows = [
         {
-            "name": uses[r].name,
+            "name": told_limit(problem, uses[r].name),
             "use": uses[r].use,
             "most": uses[r].at_most if np.isfinite(uses[r].at_most) else None,
             "least": uses[r].at_least if np.isfinite(uses[r].at_least) else None,
@@ -71,7 +72,8 @@ def why_of(problem: SAP, result: Result) -> list[dict[str, Any]]:
     return [
         {
             "agent": one.agent, "task": one.task, "step": one.step, "held": one.held, "holders": list(one.holders),
-            "bound": one.bound if np.isfinite(one.bound) else None, "value": one.value, "limits": list(one.limits),
+            "bound": one.bound if np.isfinite(one.bound) else None, "value": one.value,
+            "limits": [told_limit(problem, name) for name in one.limits],
         }
         for one in told
     ]  # fmt: skip

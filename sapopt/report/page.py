@@ -103,7 +103,9 @@ def report(
                 f"prices must be finite, of shape (T, m) = {(problem.T, problem.m)}, got {prices.shape}"
             )
     headline = title or f"{problem.n} agents, {problem.m} tasks, {problem.T} steps"
-    data = payload(problem, {str(k): r for k, r in named.items()}, tightest, prices, scenario, headline)
+    data = payload(
+        problem, {str(k): r for k, r in named.items()}, tightest, prices, scenario, headline, not title
+    )
     write_text(path, _page(data))
     return path
 

@@ -45,7 +45,7 @@ def test_orbits_are_circles_within_their_inclination(shell, earth, j2):
 def test_planes_are_turned_copies(shell, j2):
     """Without phasing, the next plane is the last one turned about the pole by the spacing of the nodes."""
     shell = WalkerShell(shell.planes, shell.satellites_per_plane, shell.inclination_deg, shell.altitude_km)
-    positions = walker_positions_km(shell, 5, 300.0, j2=j2)
+    positions = walker_positions_km(shell, 5, 300.0, earth="still", j2=j2)
     angle = 2 * np.pi / shell.planes
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     planes = positions.reshape(5, shell.planes, shell.satellites_per_plane, 3)
@@ -54,8 +54,10 @@ def test_planes_are_turned_copies(shell, j2):
 
 def test_phasing_shifts_neighbouring_planes():
     """With phasing F the next plane is ahead by F / n of a turn; F = planes is a whole place."""
-    plain = walker_positions_km(WalkerShell(3, 4, 50.0, 600.0), 2, 60.0).reshape(2, 3, 4, 3)
-    shifted = walker_positions_km(WalkerShell(3, 4, 50.0, 600.0, phasing=3), 2, 60.0).reshape(2, 3, 4, 3)
+    plain = walker_positions_km(WalkerShell(3, 4, 50.0, 600.0), 2, 60.0, earth="still").reshape(2, 3, 4, 3)
+    shifted = walker_positions_km(WalkerShell(3, 4, 50.0, 600.0, phasing=3), 2, 60.0, earth="still").reshape(
+        2, 3, 4, 3
+    )
     np.testing.assert_allclose(shifted[:, 1], np.roll(plain[:, 1], -1, axis=1), atol=1e-9)
 
 
@@ -63,7 +65,7 @@ def test_period_and_rotating_earth():
     """After one period the satellite is back among the stars, and the Earth has turned below it."""
     shell = WalkerShell(1, 1, 40.0, 550.0)
     period = 2 * np.pi * np.sqrt((EARTH_RADIUS_KM + 550.0) ** 3 / EARTH_MU_KM3_S2)
-    still = walker_positions_km(shell, 2, period)
+    still = walker_positions_km(shell, 2, period, earth="still")
     np.testing.assert_allclose(still[1], still[0], atol=1e-6)
     turning = walker_positions_km(shell, 2, period, earth="rotating")[:, 0]
     longitude = np.arctan2(turning[:, 1], turning[:, 0])

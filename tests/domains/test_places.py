@@ -12,16 +12,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sapopt import Limit
 from sapopt.domains.constellation import (
     GroundTasks,
     WalkerShell,
+    constellation,
     element_constellation,
     random_tasks,
     starlink_elements,
     walker_constellation,
+    walker_positions_km,
 )
 from sapopt.domains.instances import scenario
 
+WANTED = {"opens": ["2026-03-01T12:00Z", ""], "closes": ["2026-03-01T13:02+01:00", None]}
+NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 SITES = {"site": ["Kiruna", "Ålesund"], "lat": [67.9, 62.5], "lon": [20.2, 6.2], "weight": [2, 1]}
 SHELL = WalkerShell(2, 3, 60.0, 1200.0)
 
@@ -162,3 +167,76 @@ def test_what_is_never_seen_is_told(caplog: pytest.LogCaptureFixture) -> None:
     every = walker_constellation(shell, GroundTasks(np.zeros(1), np.zeros(1), np.ones(1)), 93)
     assert caplog.text == ""
     assert str(every).endswith("every task is seen at some step")
+
+
+def always_seen(tasks: GroundTasks, start: datetime | None = NOON, steps: int = 5) -> Any:
+    """Two satellites that hang above Scandinavia, by steps of a minute."""
+    above = 8000.0 * np.array([[0.40, 0.12, 0.91], [0.45, 0.06, 0.89]])
+    return constellation(np.tile(above, (steps, 1, 1)), tasks, 60.0, start=start)
+
+
+def test_windows(tmp_path: Path) -> None:
+    """A task is worth something from the step that begins at its opening to the last that begins before its end."""
+    columns = {"latitude": "lat", "longitude": "lon", "priority": "weight", "name": "site"}
+    pd.DataFrame(SITES | WANTED).to_csv(tmp_path / "sites.csv", index=False)
+    open_always = always_seen(GroundTasks.from_table(SITES, **columns))
+    assert (open_always.benefits.dense() > 0).all()
+    for table in (SITES | WANTED, tmp_path / "sites.csv"):
+        tasks = GroundTasks.from_table(table, **columns, opens="opens", closes="closes").with_idle_tasks(1)
+        assert tasks.windows[0] == (NOON, NOON + timedelta(minutes=2))
+        assert tasks.windows[1:] == ((None, None), (None, None))
+        wanted = np.zeros((5, 2, 3))
+        wanted[..., :2] = open_always.benefits.dense()
+        wanted[2:, :, 0] = 0.0
+        np.testing.assert_array_equal(always_seen(tasks).benefits.dense(), wanted)
+        early = always_seen(tasks, NOON - timedelta(seconds=90))
+        assert (early.benefits.dense()[:, 0, 0] > 0).tolist() == [False, False, True, True, False]
+        with pytest.raises(ValueError, match="start: the tasks have time windows"):
+            always_seen(tasks, None)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"closes": ["2026-03-01T11:00Z", ""]}, r"closes: row 0 \(counted from 0\) ends before it begins"),
+        ({"closes": ["soon", ""]}, r"closes: row 0 \(counted from 0\): .*soon"),
+        ({"closes": [3, 4]}, "3 is no date and time"),
+    ],
+)
+def test_bad_windows(change: dict[str, Any], message: str) -> None:
+    """A window that ends before it begins, or is no time, is refused with its row."""
+    with pytest.raises(ValueError, match=message):
+        GroundTasks.from_table(
+            SITES | WANTED | change, latitude="lat", longitude="lon", opens="opens", closes="closes"
+        )
+    with pytest.raises(ValueError, match="windows must be one pair of times for each of 2 tasks"):
+        GroundTasks([1.0, 2.0], [1.0, 2.0], [1.0, 1.0], (), ((NOON, None),))  # type: ignore[arg-type]
+
+
+def test_idle_capacity_and_limits() -> None:
+    """They reach the problem; with `only_seen` nothing is held that is not seen."""
+    base = always_seen(
+        GroundTasks.from_table(SITES | WANTED, latitude="lat", longitude="lon", closes="closes")
+    )
+    problem = base.problem(0.1, idle=True, only_seen=True, capacity=2, limits=[Limit.once([0], 1)])
+    assert problem.idle
+    assert len(problem.limits) == 1
+    assert np.isneginf(problem.benefits.dense()[2:, :, 0]).all()
+    assert np.isfinite(problem.benefits.dense()[:2]).all()
+    with pytest.raises(ValueError, match="pass idle=True"):
+        base.problem(0.1, only_seen=True)
+
+
+def test_the_date_turns_the_earth() -> None:
+    """With a date and no angle, the Earth stands at the first step as Greenwich sidereal time has it, still or not."""
+    tasks = GroundTasks.from_table(SITES, latitude="lat", longitude="lon")
+    angle = 280.46061837 + 360.98564736629 * (
+        (NOON - datetime(2000, 1, 1, 12, tzinfo=UTC)) / timedelta(days=1)
+    )
+    for earth in ("rotating", "still"):
+        dated = walker_constellation(SHELL, tasks, 2, start=NOON, start_s=300.0, earth=earth)
+        plain = walker_positions_km(SHELL, 1, 60.0, start_s=300.0, earth="still", sidereal_angle_deg=angle)
+        np.testing.assert_allclose(dated.positions_km[0], plain[0], atol=0.1)
+        told = walker_constellation(SHELL, tasks, 2, start=NOON, earth=earth, sidereal_angle_deg=0.0)
+        undated = walker_constellation(SHELL, tasks, 2, earth=earth)
+        np.testing.assert_array_equal(told.positions_km, undated.positions_km)

@@ -37,7 +37,7 @@ def toy():
 @given(planes=st.integers(1, 6), places=st.integers(1, 8), reach=st.floats(100, 15000))
 def test_links_are_the_pairs_within_range(planes, places, reach):
     """The graphs hold the pairs that all distances give."""
-    positions = walker_positions_km(WalkerShell(planes, places, 60.0, 800.0), 2, 500.0)
+    positions = walker_positions_km(WalkerShell(planes, places, 60.0, 800.0), 2, 500.0, earth="still")
     graphs = links(positions, reach)
     assert len(graphs) == 2
     for graph, now in zip(graphs, positions, strict=True):
@@ -101,7 +101,7 @@ def test_power_setting_is_expressible():
     assert built.step_s == 63.76
     np.testing.assert_allclose(
         built.positions_km[1],
-        walker_positions_km(WalkerShell(18, 18, 58.0, 550.0), 1, 63.76, start_s=127.52)[0],
+        walker_positions_km(WalkerShell(18, 18, 58.0, 550.0), 1, 63.76, start_s=127.52, earth="still")[0],
     )
 
 

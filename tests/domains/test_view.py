@@ -44,13 +44,13 @@ def mid():
 
 def test_reference_positions(mid):
     """The default convention gives the reference positions to the last digit of their single precision."""
-    positions = walker_positions_km(WalkerShell(18, 18, 58.0, 550.0), 93, 60.0, start_s=60.0)
+    positions = walker_positions_km(WalkerShell(18, 18, 58.0, 550.0), 93, 60.0, start_s=60.0, earth="still")
     np.testing.assert_allclose(positions, mid["satellite_position_km"], atol=5e-4)
 
 
 def test_reference_benefits_are_priority_times_proximity(mid):
     """At the reference positions, each benefit over its proximity is one priority in [1, 2] per task."""
-    positions = walker_positions_km(WalkerShell(18, 18, 58.0, 550.0), 93, 60.0, start_s=60.0)
+    positions = walker_positions_km(WalkerShell(18, 18, 58.0, 550.0), 93, 60.0, start_s=60.0, earth="still")
     tasks = GroundTasks(mid["task_lat_deg"], mid["task_lon_deg"], np.ones(450))
     flat = visible_benefits(positions, tasks).flat()
     assert len(flat.data) == 120458

@@ -8,6 +8,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from session_windows import RULES, benefits_of
 
 from sapopt import Limit, Session, SwitchingCost, Team
 from sapopt.data.files import read_npz, write_npz
-from sapopt.dynamics import Battery
+from sapopt.dynamics import AgentLocal, Battery
 from sapopt.live.saving import _ENTRIES, _FORMAT, _PREFIXES
 from sapopt.running.outlook import Outlook
 from sapopt.solvers import HAA, HAAL, AssignmentPolicy, DualLookahead, myopic
@@ -128,6 +129,38 @@ def test_own_code_is_handed_over(tmp_path: Path) -> None:
     Session(HAA(), 0.1).save(path)
     with pytest.raises(ValueError, match="holds the dynamics itself"):
         Session.load(path, dynamics=SwitchingCost(0.1))
+
+
+@dataclass(frozen=True, eq=False)
+class Tiring(AgentLocal):
+    """Work tires an agent by a level, rest takes one away; each level costs."""
+
+    loss: float = 0.2
+
+    def start(self, problem: Any) -> np.ndarray:
+        return np.zeros(problem.n, dtype=np.int64)
+
+    def rule(self, k: int, agent: Any, local: Any, task: Any, benefit: Any) -> tuple[Any, Any]:
+        return -self.loss * local, np.clip(local + np.where(benefit > 0, 1, -1), 0, 4)
+
+    def fingerprint(self) -> list[Any]:
+        return ["Tiring 1", self.loss]
+
+
+def test_own_dynamics_by_fingerprint(tmp_path: Path) -> None:
+    """A class that tells its fingerprint is rebuilt with its parameters, and one that tells another is refused."""
+    path = tmp_path / "session.npz"
+    session = Session(HAA(), Tiring(0.3))
+    step(session, 0)
+    session.save(path)
+    for given in (Tiring, Tiring(0.3)):
+        again = Session.load(path, dynamics=given)
+        assert step(again, 1) == step(Session.load(path, dynamics=Tiring), 1)
+    assert step(Session.load(path, dynamics=Tiring), 1) == step(session, 1)
+    with pytest.raises(ValueError, match="tells another fingerprint"):
+        Session.load(path, dynamics=Tiring(0.2))
+    with pytest.raises(ValueError, match=r"hand the class over: Session\.load\(path, dynamics=Tiring\)$"):
+        Session.load(path)
 
 
 def test_states_of_unknown_form_are_refused(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sapopt.solvers import HAA, DualLookahead
 pytest.importorskip("fastapi")
 from fastapi.testclient import TestClient
 
-from sapopt.live.service import create_app
+from sapopt.live.service import EXAMPLE, create_app
 
 
 def request(k: int) -> dict[str, Any]:
@@ -115,3 +115,10 @@ def test_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ImportError, match="serve"):
         create_app(Session(HAA(), 0.1))
+
+
+def test_the_page_of_documentation_has_an_example() -> None:
+    """The request that the service shows on its own page is one that it answers."""
+    client = TestClient(create_app(Session(HAA(), SwitchingCost(0.2))))
+    assert client.post("/step", json=EXAMPLE).json()["assignment"] == [["north", "port"], ["south", "field"]]
+    assert EXAMPLE["tasks"][0] in client.get("/openapi.json").text

@@ -327,4 +327,9 @@ def test_limits_and_why_not(tmp_path: Path, desk: Browser, limited: tuple[SAP, d
     page.run("document.querySelectorAll('#table input')[1].click()")
     frames(page)
     assert page.run("return document.getElementById('whytext').textContent") == ""
+    page.run(
+        "const s = document.getElementById('slider'); s.value = s.max; s.dispatchEvent(new Event('input'))"
+    )
+    frames(page)
+    assert f"value so far{list(results.values())[1].value:,.1f}" in page.text("#facts")  # penalties are paid
     assert page.messages() == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from sapopt.domains.instances import find_instance, scenario
 from sapopt.dynamics import Interference
 from sapopt.plotting.coastline import coastline_deg
 from sapopt.report import report
+from sapopt.report.moments import told_limit, told_times
 from sapopt.solvers import HAA, NoHandover
 
 EVIL = "</script><img src=x onerror=alert(1)> & <b>"
@@ -166,6 +168,10 @@ def test_coastline() -> None:
     for ring in rings:
         np.testing.assert_array_equal(ring[0], ring[-1])
         assert (np.abs(ring) <= [180.0, 90.0]).all()
+        across = np.abs(np.diff(ring[:, 0])) > 180.0
+        assert (
+            ring[:-1][across, 1] == -90.0
+        ).all()  # no outline runs across the map but along its lower edge
 
     def is_land(longitude: float, latitude: float) -> bool:
         return sum(Outline(ring).contains_point((longitude, latitude)) for ring in rings) % 2 == 1
@@ -195,13 +201,15 @@ def test_limits_and_pairs(tmp_path: Path, limited: tuple[SAP, dict[str, Result]]
     data = told(report(problem, results, tmp_path / "r.html"))
     for one, result in zip(data["results"], results.values(), strict=True):
         rows = {row["name"]: row for row in one["limits"]["rows"]}
+        assert not any("step 0]" in name for name in rows)
         assert one["limits"]["count"] == len(rows) == len(result.evaluation.limits)
         for r, use in enumerate(result.evaluation.limits):
-            assert rows[use.name]["use"] == use.use
-            assert rows[use.name]["slack"] == use.slack
-            assert rows[use.name]["cost"] == use.cost
+            row = rows[told_limit(problem, use.name)]
+            assert row["use"] == use.use
+            assert row["slack"] == use.slack
+            assert row["cost"] == use.cost
             if result.limit_prices is not None:
-                assert rows[use.name]["price"] == abs(result.limit_prices[r])
+                assert row["price"] == abs(result.limit_prices[r])
         assert one["why"]
         for pair in one["why"]:
             expected = why_not(problem, result, pair["agent"], pair["task"], pair["step"])
@@ -209,7 +217,42 @@ def test_limits_and_pairs(tmp_path: Path, limited: tuple[SAP, dict[str, Result]]
             assert pair["holders"] == list(expected.holders)
             if result.limit_prices is not None:
                 assert pair["bound"] == pytest.approx(expected.bound)
-                assert pair["limits"] == list(expected.limits)
+                assert pair["limits"] == [told_limit(problem, name) for name in expected.limits]
+
+
+DAY, NOON = datetime(2026, 3, 2), datetime(2026, 3, 2, 12, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("times", "texts", "zone", "days"),
+    [
+        (None, None, "", False),
+        ([DAY, DAY + timedelta(1)], ["2026-03-02", "2026-03-03", "2026-03-04"], "", True),
+        ([NOON, NOON + timedelta(0, 90)],
+         ["2026-03-02 12:00", "2026-03-02 12:01:30", "2026-03-02 12:03"], "UTC", False),
+        ([NOON.astimezone(timezone(timedelta(hours=-3)))], ["2026-03-02 09:00", "the end"], "UTC-03:00", False),
+        ([NOON, (NOON + timedelta(hours=1)).astimezone(timezone(timedelta(hours=1)))],
+         ["2026-03-02 12:00+00:00", "2026-03-02 14:00+01:00", "2026-03-02 15:00+01:00"], "", False),
+        ([3, 5], ["3", "5", "7"], "", False),
+    ],
+)  # fmt: skip
+def test_times_are_short(times: Any, texts: Any, zone: str, days: bool) -> None:
+    """Days are dates, a zone that all share is said once, and limits are named by the time of their step."""
+    steps = 2 if times is None else len(times)
+    problem = SAP(np.ones((steps, 1, 1)), agents=["Ada"], tasks=["lab"], times=times)
+    assert told_times(problem) == {"times": texts, "zone": zone, "days": days}
+    assert told_limit(problem, "once[lab]") == "once[lab]"
+    last = f"step {steps}" if texts is None else texts[steps - 1]
+    assert told_limit(problem, f"cover[lab, step {steps - 1}]") == f"cover[lab, {last}]"
+
+
+def test_prices_of_rounding_are_left_out(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:
+    """What solvers leave of zero makes no heat map."""
+    prices = np.full((problem.T, problem.m), 1e-12)
+    assert told(report(problem, results, tmp_path / "r.html", prices=prices))["prices"]["top"] == 0.0
+    prices[0, 0] = 0.5
+    page = report(problem, results, tmp_path / "r.html", prices=prices, force=True)
+    assert told(page)["prices"]["top"] == 0.5
 
 
 def test_pages_without_limits(tmp_path: Path, problem: SAP, results: dict[str, Result]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,13 @@ def greenwich_sidereal_rad(julian_date: Any) -> FloatArray:
     turns = np.mod(days, 1.0) + np.mod(days * _SIDEREAL_EXCESS_TURNS_PER_DAY, 1.0)
     seconds = 67310.54841 + 0.093104 * century**2 - 6.2e-6 * century**3
     return np.mod(2 * np.pi * (turns + seconds / 86400.0), 2 * np.pi)
+
+
+def sidereal_rad(time: datetime) -> float:
+    """Greenwich mean sidereal time at a moment, which is UTC if it has no zone; UTC stands for UT1, within 0.9 s."""
+    moment = time.replace(tzinfo=UTC) if time.tzinfo is None else time
+    days = (moment - datetime(2000, 1, 1, 12, tzinfo=UTC)) / timedelta(days=1)
+    return float(greenwich_sidereal_rad(2451545.0 + days))
 
 
 def unit_vectors(latitude_deg: Any, longitude_deg: Any) -> FloatArray:

@@ -118,7 +118,7 @@ def walker_positions_km(
     step_s: float,
     *,
     start_s: float = 0.0,
-    earth: Earth = "still",
+    earth: Earth = "rotating",
     j2: bool = False,
     sidereal_angle_deg: float = 0.0,
 ) -> FloatArray:
@@ -135,9 +135,8 @@ def walker_positions_km(
     start_s : float
         Time of the first step, in seconds after the shells' starting angles hold. The thesis' published code takes
         its first picture one step after that: ``start_s=step_s``.
-    earth : {"still", "rotating"}
-        "still" leaves the Earth at rest among the stars, as the thesis' published code does; a
-        `walker_constellation` turns it unless it is told otherwise.
+    earth : {"rotating", "still"}
+        "still" leaves the Earth at rest among the stars, as the thesis' published code does.
     j2 : bool
         Add the secular drift of node and argument of latitude due to the oblateness of the Earth (first order in J2).
     sidereal_angle_deg : float

@@ -15,10 +15,9 @@ from sapopt.data.textfile import read_text
 
 
 def columns_of_table(
-    table: Any, latitude: str, longitude: str, priority: str | None, name: str | None
+    read: Table, latitude: str, longitude: str, priority: str | None, name: str | None
 ) -> tuple[Any, Any, Any, tuple[str, ...]]:
     """Latitudes, longitudes, priorities and names of the rows of a table; see `GroundTasks.from_table`."""
-    read = Table(table)
     north, east = read.numbers(latitude), read.numbers(longitude)
     worth = np.ones(len(north)) if priority is None else read.numbers(priority)
     for column, values in ((latitude, north), (longitude, east), (priority, worth)):

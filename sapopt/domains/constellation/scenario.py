@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
@@ -11,16 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.domains.constellation.earth import EARTH_RATE_RAD_S, sidereal_rad
 from sapopt.domains.constellation.elements import ElementSets, element_positions_km
 from sapopt.domains.constellation.graphs import links
 from sapopt.domains.constellation.orbits import Earth, WalkerShell, walker_positions_km
 from sapopt.domains.constellation.tasks import GroundTasks
 from sapopt.domains.constellation.view import FieldOfView, checked_positions, visible_benefits
+from sapopt.domains.constellation.windows import within
 
 if TYPE_CHECKING:
     import networkx as nx
 
     from sapopt.data.benefits import Benefits
+    from sapopt.problem.limit import Limit, Team
     from sapopt.problem.sap import SAP
 
 logger = logging.getLogger(__name__)
@@ -39,7 +42,7 @@ class Constellation:
     tasks : GroundTasks
         The m tasks.
     benefits : Benefits
-        Sparse, shape (T, n, m): priority times proximity (eq. 4.1).
+        Sparse, shape (T, n, m): priority times proximity (eq. 4.1), within the tasks' windows.
     step_s : float
         Seconds from one step to the next.
     field_of_view : FieldOfView
@@ -104,6 +107,10 @@ class Constellation:
         idle_is_free: bool = False,
         initial_assignment: Any = None,
         dynamics: Any = None,
+        idle: bool = False,
+        capacity: Any = 1,
+        limits: Iterable[Limit | Team] = (),
+        only_seen: bool = False,
     ) -> SAP:
         """The sequential assignment problem of this constellation.
 
@@ -117,25 +124,36 @@ class Constellation:
             Tasks held before the first step; without it the first step pays no handover.
         dynamics : object, optional
             A model of the state, as `Battery`, in place of the switching cost.
+        idle, capacity, limits
+            As in `SAP`: satellites may hold nothing, a task may take several, and limits on the whole plan.
+        only_seen : bool
+            Forbid tasks that a satellite does not see at a step; it needs ``idle=True``. Otherwise a satellite may
+            hold a task before and after it sees it, for nothing.
 
         Raises
         ------
         ValueError
-            If there are more satellites than tasks.
+            If there are more satellites than tasks and they may not idle, or `only_seen` is asked for without `idle`.
         """
         from sapopt.dynamics import SwitchingCost
         from sapopt.problem.sap import SAP
 
-        if self.n > self.m:
+        if only_seen and not idle:
+            raise ValueError("only_seen: a satellite that sees no task must hold nothing; pass idle=True")
+        if self.n > self.m and not idle and np.ndim(capacity) == 0 and capacity == 1:
             raise ValueError(
-                f"{self.n} satellites cannot share {self.m} tasks: each needs a task of its own; add tasks of zero "
-                f"benefit with .with_idle_tasks() (or tasks.with_idle_tasks({self.n - self.m}))"
+                f"{self.n} satellites cannot share {self.m} tasks: each needs a task of its own; pass idle=True, or "
+                f"add tasks of zero benefit with .with_idle_tasks() (or tasks.with_idle_tasks({self.n - self.m}))"
             )
         if dynamics is None:
             dynamics = SwitchingCost(cost, idle_is_free=idle_is_free)
+        benefits: Any = self.benefits
+        if only_seen:
+            benefits = self.benefits.dense()
+            benefits = np.where(benefits > 0, benefits, -np.inf)
         return SAP(
-            self.benefits, dynamics, initial_assignment, agents=self.satellite_names or None,
-            tasks=self.tasks.names or None, times=self.times,
+            benefits, dynamics, initial_assignment, agents=self.satellite_names or None,
+            tasks=self.tasks.names or None, times=self.times, idle=idle, capacity=capacity, limits=limits,
         )  # fmt: skip
 
     def graphs(self, range_km: float = 2500.0, steps: Sequence[int] | None = None) -> list[nx.Graph]:
@@ -190,12 +208,13 @@ def constellation(
     satellite_names : sequence of str, optional
         Their numbers if omitted.
     start : datetime, optional
-        Time of the first step; UTC if it has no time zone.
+        Time of the first step; UTC if it has no time zone. Tasks with time windows need it.
 
     Raises
     ------
     ValueError
-        If the positions are malformed or below the ground, or the names do not match them.
+        If the positions are malformed or below the ground, the names do not match them, or tasks have time windows and
+        there is no date.
     """
     positions = checked_positions(positions_km)
     view = FieldOfView() if field_of_view is None else field_of_view
@@ -209,7 +228,11 @@ def constellation(
         raise ValueError(f"start must be a datetime, got {start!r}")
     if start is not None and start.tzinfo is None:
         start = start.replace(tzinfo=UTC)
+    if tasks.windows and start is None:
+        raise ValueError("start: the tasks have time windows, so the first step needs a date")
     benefits = visible_benefits(positions, tasks, view)
+    if tasks.windows and start is not None:
+        benefits = within(benefits, tasks.windows, start, float(step_s))
     _tell_unseen(tasks, benefits)
     return Constellation(positions, tasks, benefits, float(step_s), view, names, start)
 
@@ -226,8 +249,8 @@ def _tell_unseen(tasks: GroundTasks, benefits: Benefits) -> None:
     unseen = _unseen(tasks, benefits)
     if len(unseen):
         logger.warning(
-            "no satellite ever sees %d of %d tasks, such as %s", len(unseen), int((tasks.priority > 0).sum()),
-            tasks.called(int(unseen[0])),
+            "no satellite ever sees %d of %d tasks%s, such as %s", len(unseen), int((tasks.priority > 0).sum()),
+            " within their windows" if tasks.windows else "", tasks.called(int(unseen[0])),
         )  # fmt: skip
 
 
@@ -240,7 +263,7 @@ def walker_constellation(
     start_s: float | None = None,
     earth: Earth = "rotating",
     j2: bool = False,
-    sidereal_angle_deg: float = 0.0,
+    sidereal_angle_deg: float | None = None,
     field_of_view: FieldOfView | None = None,
     start: datetime | None = None,
 ) -> Constellation:
@@ -257,18 +280,30 @@ def walker_constellation(
     earth : {"rotating", "still"}
         "still" stops the Earth among the stars, as in the published code and in the built-in instances of the thesis,
         which says nothing of it.
-    j2, sidereal_angle_deg
+    j2
         See `walker_positions_km`.
+    sidereal_angle_deg : float, optional
+        Where the Earth stands: the angle from the inertial x axis to the Greenwich meridian, `start_s` seconds before
+        the first step. By default it follows from `start` (Greenwich mean sidereal time, IAU 1982, with UTC for UT1);
+        without a date it is 0.
     start : datetime, optional
-        Date of the first step, for tables and maps; UTC if it has no time zone. It moves nothing: where the Earth
-        stands then is said by `sidereal_angle_deg`.
+        Date of the first step, for tables, maps and time windows; UTC if it has no time zone. The nodes of the planes
+        are then right ascensions of that date.
     """
     shells = (shells,) if isinstance(shells, WalkerShell) else tuple(shells)
+    if start_s is None:
+        start_s = step_s
+    if sidereal_angle_deg is None:
+        sidereal_angle_deg = 0.0
+        if isinstance(start, datetime):
+            sidereal_angle_deg = float(np.degrees(sidereal_rad(start)))
+            if earth == "rotating":
+                sidereal_angle_deg -= float(np.degrees(EARTH_RATE_RAD_S * start_s))
     positions = walker_positions_km(
         shells,
         steps,
         step_s,
-        start_s=step_s if start_s is None else start_s,
+        start_s=start_s,
         earth=earth,
         j2=j2,
         sidereal_angle_deg=sidereal_angle_deg,

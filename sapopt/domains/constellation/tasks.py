@@ -8,7 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sapopt.data.tables import Table
 from sapopt.data.types import FloatArray
+from sapopt.domains.constellation.windows import Window, checked_windows, windows_of_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +25,16 @@ class GroundTasks:
         Weight of the benefit of each task, at least 0; a task of priority 0 never yields anything (a place to idle).
     names : tuple of str
         Of the tasks, which problems, tables and maps then bear; empty if they have none.
+    windows : tuple of pairs of datetime or None
+        From when until when each task is wanted; None leaves that end open, and no windows at all mean always. Times
+        without a zone are UTC. A constellation with such tasks needs a date.
     """
 
     latitude_deg: FloatArray
     longitude_deg: FloatArray
     priority: FloatArray
     names: tuple[str, ...] = ()
+    windows: tuple[Window, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("latitude_deg", "longitude_deg", "priority"):
@@ -42,6 +48,7 @@ class GroundTasks:
         if isinstance(names, str) or (len(names) not in (0, self.m)):
             raise ValueError(f"names must be one for each of {self.m} tasks, or none, got {names!r}")
         object.__setattr__(self, "names", tuple(str(name) for name in names))
+        object.__setattr__(self, "windows", checked_windows(self.windows, self.m))
         if self.m == 0:
             raise ValueError("latitude_deg is empty; give at least one task")
         if (bad := np.abs(self.latitude_deg) > 90.0).any():
@@ -66,6 +73,8 @@ class GroundTasks:
         longitude: str = "longitude_deg",
         priority: str | None = None,
         name: str | None = None,
+        opens: str | None = None,
+        closes: str | None = None,
     ) -> GroundTasks:
         """Tasks from a table with one row for each.
 
@@ -77,6 +86,9 @@ class GroundTasks:
             Names of the columns, in degrees.
         priority, name : str, optional
             Names of these columns; without them every priority is 1, and tasks have no names.
+        opens, closes : str, optional
+            Names of the columns with the time window of each task, as dates or ISO 8601 texts, UTC where they name no
+            zone. An empty cell leaves that end open.
 
         Raises
         ------
@@ -85,7 +97,9 @@ class GroundTasks:
         """
         from sapopt.domains.constellation.places import columns_of_table
 
-        return cls(*columns_of_table(table, latitude, longitude, priority, name))
+        read = Table(table)
+        windows = windows_of_table(read, opens, closes)
+        return cls(*columns_of_table(read, latitude, longitude, priority, name), windows)
 
     @classmethod
     def from_geojson(cls, source: Any, *, priority: str = "priority", name: str = "name") -> GroundTasks:
@@ -130,6 +144,7 @@ class GroundTasks:
             np.concatenate([self.longitude_deg, zeros]),
             np.concatenate([self.priority, zeros]),
             (*self.names, *(f"idle {i}" for i in range(count))) if self.names else (),
+            (*self.windows, *((None, None) for _ in range(count))) if self.windows else (),
         )
 
 

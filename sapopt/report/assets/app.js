@@ -7,9 +7,9 @@ const STEPS_PER_SECOND = Math.min(8, Math.max(1.6, D.T / 30));
 function setStep(k) {
   state.step = Math.min(D.T - 1, Math.max(0, k));
   slider.value = state.step;
-  const minutes = D.map && D.map.step_s ? ` · ${whole(state.step * D.map.step_s / 60)} min` : "";
-  clock.textContent = `${state.step + 1} / ${D.T}${minutes}`;
-  slider.setAttribute("aria-valuetext", `step ${state.step + 1} of ${D.T}`);
+  const minutes = D.map && D.map.step_s ? `${whole(state.step * D.map.step_s / 60)} min` : "", when = D.times ? D.times[state.step] : minutes;
+  clock.textContent = `${state.step + 1} / ${D.T}${when ? " · " + when : ""}`;
+  slider.setAttribute("aria-valuetext", `step ${state.step + 1} of ${D.T}${when ? ", " + when : ""}`);
 }
 function goTo(k) {
   setStep(k);
@@ -69,7 +69,9 @@ function keys(event) {
 
 function start() {
   setTheme(prefersDark.matches ? "dark" : "light");
-  byId("subtitle").textContent = `${whole(D.n)} agents · ${whole(D.m)} tasks · ${whole(D.T)} steps · ${D.dynamics}`;
+  const size = D.sized ? [] : [`${whole(D.n)} agents`, `${whole(D.m)} tasks`, `${whole(D.T)} steps`];
+  const span = D.times ? [`from ${D.times[0]} to ${D.days ? D.times[D.T - 1] : D.times[D.T]}${D.zone ? " " + D.zone : ""}`] : [];
+  byId("subtitle").textContent = [...size, ...span, D.dynamics].join(" · ");
   byId("made").textContent = `Made by ${D.made}.${D.map ? ` Land: ${D.map.land.source}, public domain.` : ""} Everything shown is inside this file.`;
   slider.max = D.T - 1;
   slider.addEventListener("input", () => { play(false); goTo(Number(slider.value)); });
@@ -84,7 +86,7 @@ function start() {
   startTimeline();
   startStays();
   startHeat();
-  if (R.some((r) => r.trace.length > 1)) { byId("proof").hidden = false; chart("gap", gapChart); }
+  if (R.some(hasGap)) { byId("proof").hidden = false; chart("gap", gapChart); }
   setStep(0);
   new ResizeObserver(() => redraw(true)).observe(document.querySelector("main"));
   redraw(true);

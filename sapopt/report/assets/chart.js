@@ -7,8 +7,10 @@ function niceTicks(low, high, count) {
   for (let x = Math.ceil(low / unit) * unit; x <= high + 1e-9 * span; x += unit) out.push(Math.abs(x) < 1e-12 * span ? 0 : x);
   return out;
 }
-function short(x) {
+// A number of an axis; `unit` is the distance to the next one, which it must be told from.
+function short(x, unit = 0) {
   const a = Math.abs(x);
+  if (unit && unit < 1e-5 * a) return x.toFixed(Math.min(12, Math.max(0, -Math.floor(Math.log10(unit)))));
   if (a >= 1e6) return +(x / 1e6).toFixed(1) + "M";
   if (a >= 1e4) return +(x / 1e3).toFixed(1) + "k";
   return String(+x.toPrecision(6));
@@ -24,7 +26,8 @@ function chart(id, describe, onStep) {
     const width = canvas.clientWidth, height = canvas.clientHeight, c = fit(base, width, height);
     c.font = FONT;
     const ticks = niceTicks(told.y[0], told.y[1], height < 200 ? 4 : 5);
-    const left = Math.max(...ticks.map((y) => c.measureText(short(y)).width)) + 12;
+    const between = ticks.length > 1 ? ticks[1] - ticks[0] : 0, tick = (y) => short(y, between);
+    const left = Math.max(...ticks.map((y) => c.measureText(tick(y)).width)) + 12;
     box = { x: left, y: 10, w: width - left - 8, h: height - 10 - 34, W: width, H: height };
     const px = (x) => box.x + (x - told.x[0]) / (told.x[1] - told.x[0] || 1) * box.w;
     const py = (y) => box.y + box.h - (y - told.y[0]) / (told.y[1] - told.y[0] || 1) * box.h;
@@ -33,7 +36,7 @@ function chart(id, describe, onStep) {
     for (const y of ticks) {
       c.strokeStyle = y === 0 ? theme.css.muted : theme.css.line;
       c.beginPath(); c.moveTo(box.x, py(y)); c.lineTo(box.x + box.w, py(y)); c.stroke();
-      c.fillStyle = theme.css.muted; c.fillText(short(y), box.x - 8, py(y));
+      c.fillStyle = theme.css.muted; c.fillText(tick(y), box.x - 8, py(y));
     }
     c.textBaseline = "top"; c.textAlign = "center";
     for (const x of niceTicks(told.x[0], told.x[1], Math.max(5, Math.min(8, width / 90)))) {
@@ -101,11 +104,13 @@ function cumulativeChart() {
   const top = Math.max(D.bound || 0, ...R.map((r) => Math.max(...r.cumulative)), 1e-9);
   const low = Math.min(0, ...R.map((r) => Math.min(...r.cumulative)));
   legend("cumulativelegend", R.length > 1 ? R.map((r) => ["", colourOf(r.index), r.name]) : [["", colourOf(0), R[0].name]]);
-  byId("cumulativehint").textContent = D.bound === null ? "The sum over the steps, handovers paid." : `The sum over the steps, handovers paid; no plan ends above ${number(D.bound)}.`;
+  const beyond = result().beyond, told = Math.abs(beyond) > 1e-4 * Math.max(1, Math.abs(top))
+    ? ` What limits cost and teams earn, ${small(beyond)} in all, is counted at the end.` : "";
+  byId("cumulativehint").textContent = `The sum over the steps, handovers paid${D.bound === null ? "" : `; no plan ends above ${number(D.bound)}`}.${told}`;
   return {
     steps: true, x: stepRange, y: [low, top * 1.03], lines, xlabel: "step",
     levels: D.bound === null ? [] : [{ y: D.bound, text: "proven bound " + number(D.bound), colour: theme.css.warm }],
-    tell: (k) => [`up to step ${k + 1}`, ...R.map((r) => `${r.name}: ${number(r.cumulative[k])}`)].join("\n"),
+    tell: (k) => [`up to ${stepName(k)}`, ...R.map((r) => `${r.name}: ${number(r.cumulative[k])}`)].join("\n"),
   };
 }
 
@@ -118,12 +123,18 @@ function stepsChart() {
     y: [Math.min(0, ...values) * 1.06, Math.max(0, ...values) * 1.06 || 1],
     bars: [{ values: r.benefit, colour: theme.css.accent }, { values: r.handover, colour: theme.css.warm }],
     lines: [{ x: stepNumbers, y: net, colour: theme.css.text, width: 1.5, dash: [4, 3], dot: true }],
-    tell: (k) => `step ${k + 1}\nbenefit ${small(r.benefit[k])}\nhandovers ${small(r.handover[k])} (${r.movesAt[k]})`,
+    tell: (k) => `${stepName(k)}\nbenefit ${small(r.benefit[k])}\nhandovers ${small(r.handover[k])} (${r.movesAt[k]})`,
   };
 }
 
+// Whether plan or bound changed while the planner ran, by more than rounding.
+function hasGap(r) {
+  const all = r.trace.flatMap((p) => [p[1], p[2]]);
+  return r.trace.length > 1 && Math.max(...all) - Math.min(...all) > 1e-6 * Math.max(1e-9, ...all.map(Math.abs));
+}
+
 function gapChart() {
-  const r = result().trace.length ? result() : R.find((one) => one.trace.length);
+  const r = hasGap(result()) ? result() : R.find(hasGap);
   const x = r.trace.map((p) => p[0]), bound = r.trace.map((p) => p[1]), value = r.trace.map((p) => p[2]);
   // The first bounds are far off; the axis shows where the story is.
   const all = [...value, ...bound].sort((a, b) => a - b), end = bound[bound.length - 1];

@@ -44,7 +44,10 @@ function unpack(told, index) {
     sum += told.benefit[k] + told.handover[k];
     cumulative[k] = sum;
   }
-  return { ...told, index, plan, held, changed, moves, gain, cumulative, busyAt, movesAt };
+  // Penalties of limits and rewards of teams belong to the whole plan: they are counted where it ends.
+  const beyond = told.value - sum;
+  cumulative[T - 1] = told.value;
+  return { ...told, index, plan, held, changed, moves, gain, cumulative, beyond, busyAt, movesAt };
 }
 const R = D.results.map(unpack);
 const best = R.reduce((a, b) => (b.value > a.value ? b : a));
@@ -66,6 +69,8 @@ const small = (x) => (Math.abs(x) >= 100 ? number(x, 1) : Math.abs(x) >= 1 ? num
 const percent = (x, digits = 1) => (x === null || !isFinite(x) ? "-" : number(100 * x, digits) + " %");
 const agentName = (i) => (D.agents ? D.agents[i] : "agent " + i);
 const taskName = (j) => (D.tasks ? D.tasks[j] : "task " + j);
+// A step by its time where there are times, otherwise by its number, counted from 1.
+const stepName = (k) => (D.times ? D.times[k] : "step " + (k + 1));
 const share = (r) => (D.bound ? r.value / D.bound : null);
 const gapOf = (r) => (D.bound === null ? null : D.bound === 0 ? (r.value === 0 ? 0 : Infinity) : (D.bound - r.value) / Math.abs(D.bound));
 
@@ -167,7 +172,7 @@ function hover(canvas, describe) {
 function describeCell(i, k) {
   const r = result(), at = k * D.n + i, benefit = r.held.data[at] * r.held.unit;
   const was = k > 0 ? r.plan[at - D.n] : D.initial ? D.initial[i] : null;
-  const lines = [`${agentName(i)}, step ${k + 1}`, taskName(r.plan[at]) + (r.held.data[at] ? `, benefit ${small(benefit)}` : ", idle")];
+  const lines = [`${agentName(i)}, ${stepName(k)}`, taskName(r.plan[at]) + (r.held.data[at] ? `, benefit ${small(benefit)}` : ", idle")];
   if (r.changed[at]) lines.push("handover from " + taskName(was));
   return lines.join("\n");
 }

@@ -5,7 +5,7 @@ function drawTiles() {
     [number(r.value), "value of " + r.name, null],
     [percent(share(r), 2), D.bound === null ? "no bound was proven" : "of the proven bound " + number(D.bound), share(r)],
     [gapOf(r) === null ? "-" : percent(gapOf(r), 2), "at most this far from the optimum", null],
-    [whole(r.handovers), `handovers, ${number(r.handovers / Math.max(D.n, 1))} an agent` + (r.paid === null ? "" : `: ${whole(r.paid)} paid, ${whole(r.switches)} from task to task`), null],
+    [whole(r.handovers), "handovers (changes of task)" + (r.paid === null ? "" : `; ${whole(r.paid)} cost something, ${whole(r.switches)} go straight from one task to another`), null],
     [percent(r.busy), "of the agents' time is useful", r.busy],
     [r.seconds < 1 ? number(1e3 * r.seconds, 0) + " ms" : number(r.seconds) + " s", `${number(1e3 * r.seconds / D.T, r.seconds / D.T < 0.01 ? 2 : 0)} ms a step; ${r.status}`, null],
   ];
@@ -42,7 +42,7 @@ function drawTable() {
 
 function drawNow() {
   const r = result(), k = state.step, { n } = D;
-  byId("nowstep").textContent = `${k + 1} of ${D.T}`;
+  byId("nowstep").textContent = `${k + 1} of ${D.T}${D.times ? ", " + D.times[k] : ""}`;
   const facts = [
     ["benefit", small(r.benefit[k])],
     ["handovers", `${small(r.handover[k])} for ${r.movesAt[k]}`],
@@ -89,7 +89,7 @@ function startHeat() {
       element("span", { class: "track" }, element("i", { style: `width:${100 * heat.totals[j] / most}%` })))));
   hover(byId("heat"), (x, y) => {
     const cell = heatCell(x, y);
-    return cell && `${taskName(cell.j)}, step ${cell.k + 1}\nprice ${small(prices.data[cell.k * m + cell.j] * prices.unit)}\n${small(heat.totals[cell.j])} over all steps`;
+    return cell && `${taskName(cell.j)}, ${stepName(cell.k)}\nprice ${small(prices.data[cell.k * m + cell.j] * prices.unit)}\n${small(heat.totals[cell.j])} over all steps`;
   });
   byId("heat").style.cursor = "pointer";
   byId("heat").addEventListener("click", (event) => { const cell = heatCell(event.offsetX, event.offsetY); if (cell) goTo(cell.k); });

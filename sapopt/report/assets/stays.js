@@ -3,8 +3,9 @@
 const stays = { all: [], found: [] };
 const STAY_ROWS = 200;
 const timeOf = (k) => (D.times ? D.times[k] : String(k + 1));
-// Without times, the last step counts as a part of the stay: "steps 3 to 5"; with times a stay ends where the next begins.
-const endOf = (k) => (D.times ? D.times[k] : String(k));
+// Numbers and whole days name the last one that belongs to the stay; otherwise a stay ends when the step after it begins.
+const endOf = (k) => (D.days ? D.times[k - 1] : D.times ? D.times[k] : String(k));
+const stayHead = () => (D.days ? ["first day", "last day"] : D.times ? ["from", "to"].map((text) => text + (D.zone ? ` (${D.zone})` : "")) : ["first step", "last step"]);
 
 function startStays() {
   byId("search").addEventListener("input", showStays);
@@ -25,23 +26,28 @@ function findStays() {
   }
 }
 
+// Date and time may stand in two lines, but neither is broken.
+function moment(text) {
+  return element("td", {}, ...text.split(" ").flatMap((word, at) => (at ? [" ", element("span", { class: "word" }, word)] : [element("span", { class: "word" }, word)])));
+}
+
 function showStays() {
   const words = byId("search").value.toLowerCase().split(/\s+/).filter(Boolean);
   const matches = (s) => { const text = `${agentName(s.i)} ${taskName(s.j)}`.toLowerCase(); return words.every((word) => text.includes(word)); };
   stays.found = words.length ? stays.all.filter(matches) : stays.all;
-  const head = ["agent", "task", D.times ? "from" : "first step", D.times ? "to" : "last step", "benefit"];
+  const head = ["agent", "task", ...stayHead(), "benefit"];
   const rows = stays.found.slice(0, STAY_ROWS).map((s) => element("tr", {},
     element("td", {}, element("button", { type: "button", onclick: () => { play(false); goTo(s.first); follow(s.i); } }, agentName(s.i))),
-    ...[taskName(s.j), timeOf(s.first), endOf(s.stop), small(s.benefit)].map((text) => element("td", {}, text))));
+    element("td", {}, taskName(s.j)), moment(timeOf(s.first)), moment(endOf(s.stop)), element("td", { class: "extra" }, small(s.benefit))));
   byId("staytable").replaceChildren(
-    element("thead", {}, element("tr", {}, ...head.map((text) => element("th", { scope: "col" }, text)))), element("tbody", {}, ...rows));
+    element("thead", {}, element("tr", {}, ...head.map((text, at) => element("th", at === 4 ? { scope: "col", class: "extra" } : { scope: "col" }, text)))), element("tbody", {}, ...rows));
   const more = stays.found.length - rows.length;
   byId("staycount").textContent = stays.found.length === 0 ? "nothing found"
     : `${whole(stays.found.length)} of ${whole(stays.all.length)} stays` + (more > 0 ? `, the first ${STAY_ROWS} are shown; copying takes all` : "");
 }
 
 async function copyStays() {
-  const lines = [["agent", "task", "from", "to", "benefit"], ...stays.found.map((s) => [agentName(s.i), taskName(s.j), timeOf(s.first), endOf(s.stop), String(s.benefit)])];
+  const lines = [["agent", "task", ...stayHead(), "benefit"], ...stays.found.map((s) => [agentName(s.i), taskName(s.j), timeOf(s.first), endOf(s.stop), String(s.benefit)])];
   const text = lines.map((line) => line.map((cell) => cell.replace(/[\t\n\r]/g, " ")).join("\t")).join("\n");
   byId("staycount").textContent = (await copied(text)) ? `${whole(stays.found.length)} rows copied; paste them into a spreadsheet` : "this browser does not let the page copy";
 }

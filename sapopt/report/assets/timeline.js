@@ -85,11 +85,16 @@ function lanesBase() {
       for (let k = 0; k < T;) {
         let end = k + 1;
         while (end < T && !r.changed[end * n + i]) end++;
-        const text = D.tasks ? D.tasks[r.plan[k * n + i]] : String(r.plan[k * n + i]);
-        if (c.measureText(text).width + 10 < (end - k) * w) {
-          // A dark outline keeps white letters readable on every colour.
-          c.strokeStyle = "rgba(6, 30, 54, .72)"; c.lineWidth = 3; c.lineJoin = "round"; c.fillStyle = "#ffffff";
-          c.strokeText(text, lanes.left + k * w + 6, y + (row - gap) / 2);
+        const text = D.tasks ? D.tasks[r.plan[k * n + i]] : String(r.plan[k * n + i]), wide = c.measureText(text).width + 10;
+        if (wide < (end - k) * w && !(D.idle && r.plan[k * n + i] === D.m)) {
+          let on = false; // whether a coloured cell lies under the letters
+          for (let under = k; under < end && (under - k) * w < wide; under++) on = on || r.held.data[under * n + i] > 0;
+          if (on) {
+            // A dark outline keeps white letters readable on every colour.
+            c.strokeStyle = "rgba(6, 30, 54, .72)"; c.lineWidth = 3; c.lineJoin = "round";
+            c.strokeText(text, lanes.left + k * w + 6, y + (row - gap) / 2);
+          }
+          c.fillStyle = on ? "#ffffff" : theme.css.muted;
           c.fillText(text, lanes.left + k * w + 6, y + (row - gap) / 2);
         }
         k = end;
@@ -126,6 +131,6 @@ function drawFollow() {
   const i = state.agent, r = result();
   if (i < 0) { byId("follow").textContent = ""; return; }
   const at = state.step * D.n + i, benefit = r.held.data[at] * r.held.unit;
-  byId("follow").textContent = `${agentName(i)} (agent ${i}) at step ${state.step + 1}: ${taskName(r.plan[at])}, ` +
+  byId("follow").textContent = `${agentName(i)} (agent ${i}) at ${stepName(state.step)}: ${taskName(r.plan[at])}, ` +
     `${r.held.data[at] ? "benefit " + small(benefit) : "idle"}. In all: benefit ${small(r.gain[i])}, ${r.moves[i]} handovers.`;
 }
