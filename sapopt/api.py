@@ -98,7 +98,8 @@ def solve(
         runtime = run.seconds
     _tell_compiling(run)
     plan = problem.unplaced(outcome.plan)
-    prices = None if outcome.prices is None else outcome.prices[:, : problem.m]
+    columns = problem.model.price_columns(problem.n, problem.m)
+    prices = None if outcome.prices is None else outcome.prices[:, :columns]
     return Result(
         plan, problem.evaluate(plan), outcome.status, runtime, solver.name, outcome.bound, outcome.trace, seed,
         prices, problem, outcome.limit_prices, outcome.team_prices,
@@ -147,9 +148,9 @@ def bound(
 ) -> Bound:
     """A proven upper bound of the optimal value of this very problem.
 
-    For agent-local dynamics (every `SwitchingCost`) the Lagrangian dual of the task capacities is minimised
-    (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken. Limits and teams have
-    multipliers in the same dual (docs/limits.md).
+    For agent-local dynamics (every `SwitchingCost`) and copies of agents the Lagrangian dual of the task capacities is
+    minimised (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken. Limits and
+    teams have multipliers in the same dual (docs/limits.md).
 
     Parameters
     ----------
@@ -161,7 +162,7 @@ def bound(
     callback : callable, optional
         Called with a `Progress`; returning True ends the run.
     prices : ndarray, shape (T, m), optional
-        Prices to start from, for example those of an earlier bound.
+        Prices to start from, for example those of an earlier bound (of shape (T, m + n) for copies of agents).
     seed : int
     device : str
         Where the agents' paths are computed: "cpu" (compiled kernels), or a torch device such as "cuda", see
@@ -185,7 +186,7 @@ def bound(
         with interruptible(run):
             if not problem.is_plain:
                 proven = limited_bound(problem, run, prices)
-            elif not problem.model.is_agent_local:
+            elif not problem.model.takes_prices:
                 proven = stepwise_bound(problem, run)
             else:
                 proven = dual_bound(problem, run, prices, device)

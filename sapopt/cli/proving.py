@@ -144,8 +144,12 @@ def verify(
 
 def _instances_like(claim: Certificate) -> list[str]:
     """Built-in instances of the size of a certificate."""
-    size = (*claim.plan.shape, claim.prices.shape[-1])
-    names = [entry.name for entry in instances() if entry.shape == size]
+    (steps, agents), columns = claim.plan.shape, claim.prices.shape[-1]
+    sizes = (
+        (steps, agents, columns),
+        (steps, agents, columns - agents),
+    )  # the second one for copies of agents
+    names = [entry.name for entry in instances() if entry.shape in sizes]
     if not names:
         raise ValueError(
             "the certificate fits no built-in instance; name its problem: sapopt verify CERTIFICATE INSTANCE"

@@ -306,6 +306,23 @@ class Model(ABC):
             kind.path_oracle is not Model.path_oracle or kind.local_model is not Model.local_model
         ) and not self.interacts
 
+    @property
+    def has_places(self) -> bool:
+        """Whether `path_oracle` tells of agents that share a state in groups.
+
+        Its prices then have n more columns: what every agent's place in its group costs.
+        """
+        return False
+
+    @property
+    def takes_prices(self) -> bool:
+        """Whether prices take the agents, or groups of them, apart into longest paths."""
+        return self.is_agent_local or self.has_places
+
+    def price_columns(self, n: int, m: int) -> int:
+        """How many prices a step has: one for every task, and with groups of agents one for every agent's place."""
+        return m + n if self.has_places else m
+
     def path_oracle(self, benefits: Benefits, state: Any) -> PathOracle | None:
         """The agents' longest priced paths over a window; None: a `local_model` tells them, or nothing does."""
         return None

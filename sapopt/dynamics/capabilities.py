@@ -28,7 +28,7 @@ RULE = ("initial_state", "handover", "transition", "interaction")
 
 PATHS = ("path_oracle", "window_oracle", "local_model")
 """Said by any class: the paths of agents who do not see each other."""
-KINDS = ("switching", "entering", "batteries", "plain", "is_agent_local")
+KINDS = ("switching", "entering", "batteries", "plain", "is_agent_local", "has_places")
 """Said by subclasses of `Model` alone; elsewhere such names mean something else."""
 NUMBERS = ("handover_limit", "handover_floor", "capacity")
 CAPABILITIES = (
@@ -172,7 +172,8 @@ class Adapted(Model):
         self._is_local = not said.isdisjoint(PATHS)
         if "is_agent_local" in said:
             self._is_local = self._is_local and dynamics.is_agent_local
-        for name in said - {"is_agent_local"}:
+        self._has_places = {"has_places", "path_oracle"} <= said and dynamics.has_places
+        for name in said - {"is_agent_local", "has_places"}:
             value = getattr(dynamics, name)
             if name in NUMBERS and not isinstance(value, numbers.Real):
                 raise ValueError(
@@ -198,6 +199,11 @@ class Adapted(Model):
     def is_agent_local(self) -> bool:
         """Whether the class tells of its agents' paths."""
         return self._is_local
+
+    @property
+    def has_places(self) -> bool:
+        """Whether the class tells of the paths of groups."""
+        return self._has_places
 
     def initial_state(self, problem: Setting) -> Any:
         """The user's."""

@@ -112,7 +112,8 @@ class Result:
         Name of the method with its options.
     seed : int
     prices : ndarray or None, shape (T, m)
-        Task prices that prove the bound, if the solver found some.
+        Task prices that prove the bound, if the solver found some; with copies of agents (T, m + n), see
+        `sapopt.Bound`.
     problem : SAP or None
         The problem that was solved. Files and pickles leave it out, so that they stay small.
     limit_prices, team_prices : ndarray or None

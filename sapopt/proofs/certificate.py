@@ -57,7 +57,8 @@ class Bound:
     value : float
         No plan is worth more.
     prices : ndarray, shape (T, m), or None
-        Task prices mu >= 0 that prove it; None for a bound that needs none.
+        Task prices mu >= 0 that prove it; None for a bound that needs none. Where agents are copies of one another,
+        n further columns hold what the place of every agent costs (docs/certificates.md).
     method : str
         How it was proven.
     limit_prices : ndarray, shape (rows,), or None
@@ -86,7 +87,7 @@ class Certificate:
         No plan of this problem is worth more.
     plan : ndarray of int64, shape (T, n)
     prices : ndarray, shape (T, m)
-        Task prices mu >= 0 that prove the bound.
+        Task prices mu >= 0 that prove the bound; with copies of agents (T, m + n), see `Bound`.
     fingerprint : str
         `SAP.fingerprint` of the problem.
     guarantee : Guarantee
@@ -284,7 +285,7 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
         claim = certificate
     else:
         sizes: dict[str, tuple[int, ...]] = {
-            "plan": (problem.T, problem.n), "prices": (problem.T, problem.m),
+            "plan": (problem.T, problem.n), "prices": (problem.T, problem.model.price_columns(problem.n, problem.m)),
             "limit_prices": (problem.rows.count,), "team_prices": (len(problem.rows.team_cell),),
         }  # fmt: skip
         claim = Certificate._read(

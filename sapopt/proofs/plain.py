@@ -14,6 +14,7 @@ from sapopt.data.benefits import dense_step
 from sapopt.data.types import FloatArray, IntArray, real_array
 from sapopt.dynamics.paths.oracles import LocalOracle
 from sapopt.problem.sap import SAP
+from sapopt.proofs.plain_groups import groups_bound
 
 _EPS = float(np.finfo(np.float64).eps)
 
@@ -94,8 +95,8 @@ def plain_bound(problem: SAP, prices: Any) -> float:
     Parameters
     ----------
     problem : SAP
-        With agent-local dynamics.
-    prices : array_like, shape (T, m)
+        With agent-local dynamics, or copies of agents.
+    prices : array_like, shape (T, m), with copies of agents (T, m + n)
         Finite, not negative.
 
     Raises
@@ -104,10 +105,14 @@ def plain_bound(problem: SAP, prices: Any) -> float:
         If the prices do not prove a bound, or the dynamics has no agent-local form.
     """
     mu = real_array(prices, "prices")
-    if mu.shape != (problem.T, problem.m):
-        raise ValueError(f"prices must have shape (T, m) = {(problem.T, problem.m)}, got {mu.shape}")
+    shape = (problem.T, problem.model.price_columns(problem.n, problem.m))
+    if mu.shape != shape:
+        name = "(T, m + n)" if problem.model.has_places else "(T, m)"
+        raise ValueError(f"prices must have shape {name} = {shape}, got {mu.shape}")
     if not np.isfinite(mu).all() or (mu < 0).any():
         raise ValueError("prices must be finite and not negative")
+    if problem.model.has_places:
+        return groups_bound(problem, mu)
     plain = problem.model.plain(problem)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
@@ -133,7 +138,7 @@ def plain_bound(problem: SAP, prices: Any) -> float:
 
 def handover_weight(problem: SAP, plan: IntArray, prices: FloatArray) -> float:
     """The sizes of all handovers behind value and bound, added up; 0 for a rule that is exact on every machine."""
-    if problem.model.plain(problem) is not None:
+    if problem.model.plain(problem) is not None or problem.model.has_places:  # sums and products alone
         return 0.0
     paid = float(np.abs(_terms(problem, plan)[1:]).sum())
     return paid + problem.n * _local_values(problem, prices)[1]

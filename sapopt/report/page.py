@@ -98,6 +98,9 @@ def report(
         prices = None if best is None else best.prices
     if prices is not None:
         prices = np.asarray(prices, dtype=np.float64)
+        columns = problem.model.price_columns(problem.n, problem.m)
+        if prices.shape == (problem.T, columns):
+            prices = prices[:, : problem.m]  # those of the places of copies are no prices of tasks
         if prices.shape != (problem.T, problem.m) or not np.isfinite(prices).all():
             raise ValueError(
                 f"prices must be finite, of shape (T, m) = {(problem.T, problem.m)}, got {prices.shape}"

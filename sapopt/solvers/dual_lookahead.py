@@ -97,7 +97,7 @@ class DualLookahead:
 
     def begin(self, problem: SAP, rng: np.random.Generator) -> FloatArray | Prices | None:
         """No prices yet."""
-        if not problem.model.is_agent_local:
+        if not (problem.model.is_agent_local or (problem.is_plain and problem.model.has_places)):
             raise ValueError(
                 f"DualLookahead needs an agent-local dynamics; {problem.model.called} has "
                 "neither path_oracle nor local_model"
@@ -143,7 +143,8 @@ class DualLookahead:
         prices = np.zeros((T, m))
         if memory is not None:
             known = min(T, len(memory) - 1)
-            prices[:known] = memory[1 : known + 1]
+            # What a session has carried over lacks the places of copies: they cost nothing at first.
+            prices[:known, : memory.shape[1]] = memory[1 : known + 1]
         shares = _FIRST_SHARES if memory is None else _SHARES
         until = min(clock.now() + shares * outlook.allowance, outlook.deadline)
         prices = self._priced(oracle, prices, memory is None, outlook, until)

@@ -15,6 +15,7 @@ from sapopt.dynamics.base import AgentColumns, Entering, Model, Setting
 if TYPE_CHECKING:
     from sapopt.data.matrices import Matrix
     from sapopt.data.windows import WindowSums
+    from sapopt.dynamics.copies.groups import GroupPaths
     from sapopt.dynamics.copies.paths import SyntheticPaths
 
 Held = IntArray | None
@@ -54,7 +55,8 @@ class SyntheticSwitching(Model):
     Notes
     -----
     Without copies of agents the state is local to the agents, and the model has a `path_oracle` and a `local_model`.
-    With copies of agents it is local to the real agents only; see `sapopt.formulations.synthetic` for bounds.
+    With copies of agents it is local to the real agents only. The paths of `sapopt.dynamics.copies.groups` bound what
+    such a group is worth, and there is no `local_model`.
     """
 
     handover_limit = 0.0
@@ -112,10 +114,13 @@ class SyntheticSwitching(Model):
 
     def transition(self, k: int, state: Held, assignment: IntArray) -> Held:
         """Real tasks of the assignment, -1 where `needs_sight` and nothing is seen."""
-        held = self.real_tasks(self._bound().shape[2])[assignment]
+        return self.held_after(self._bound().slice(k, k + 1), assignment)
+
+    def held_after(self, first: Benefits, assignment: IntArray) -> IntArray:
+        """The same for the step that `first` begins with."""
+        held = self.real_tasks(first.shape[2])[assignment]
         if self.needs_sight:
-            seen = self._bound().slice(k, k + 1).at(assignment[None])[0] > 0
-            held = np.where(seen, held, -1)
+            held = np.where(first.slice(0, 1).at(assignment[None])[0] > 0, held, -1)
         return held
 
     def key(self, state: Held) -> bytes:
@@ -139,7 +144,7 @@ class SyntheticSwitching(Model):
 
     def handover(self, k: int, state: Held) -> FloatArray:
         """Handover matrix, shape ``(n, m)``; zero if `state` is None."""
-        return self._dense_handover(self._bound().step(k), state)
+        return self.charges(self._bound().step(k), state)
 
     def handover_at(self, k: int, state: Held, assignment: IntArray) -> FloatArray:
         """Handover of every agent under an assignment, shape ``(n,)``."""
@@ -161,17 +166,24 @@ class SyntheticSwitching(Model):
                     total, sp.csr_array(windows.slice(start, start + 1).step(0)), state
                 )
         first = windows.slice(start, start + 1).step(0)
-        return windows.dense(start, stop) + self._dense_handover(first, state)
+        return windows.dense(start, stop) + self.charges(first, state)
 
     @property
     def is_agent_local(self) -> bool:
         """Whether no agent has copies: each one's state is its own."""
         return self.agent_of is None or len(np.unique(self.agent_of)) == len(self.agent_of)
 
-    def path_oracle(self, benefits: Benefits, state: Held) -> SyntheticPaths | None:
-        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`), if they have no copies."""
+    @property
+    def has_places(self) -> bool:
+        """Whether agents have copies, whose places then have prices, too (`sapopt.dynamics.copies.groups`)."""
+        return not self.is_agent_local
+
+    def path_oracle(self, benefits: Benefits, state: Held) -> SyntheticPaths | GroupPaths:
+        """Longest priced paths of the agents (`sapopt.dynamics.paths.oracles.PathOracle`)."""
         if not self.is_agent_local:
-            return None
+            from sapopt.dynamics.copies.groups import GroupPaths
+
+            return GroupPaths.of(benefits, self, state)
         from sapopt.dynamics.copies.paths import SyntheticPaths
 
         return SyntheticPaths(benefits, self, state)
@@ -210,7 +222,8 @@ class SyntheticSwitching(Model):
         copies = sp.csr_array((np.ones(m), (task, np.arange(m))), shape=(width, m))
         return sp.csr_array((holds @ copies)[group])
 
-    def _dense_handover(self, step: StepMatrix, state: Held) -> FloatArray:
+    def charges(self, step: StepMatrix, state: Held) -> FloatArray:
+        """Handover matrix, shape ``(n, m)``, of a step with these benefits."""
         n, m = step.shape
         if state is None:
             return np.zeros((n, m))

@@ -32,6 +32,15 @@ class NarrowingOracle(SoftPathOracle, Protocol):
         """The problem cut into blocks of `length` steps that know nothing of each other."""
 
 
+@runtime_checkable
+class DampedOracle(SoftPathOracle, Protocol):
+    """An oracle whose usage answers to prices more than that of single agents with one price a step."""
+
+    @property
+    def damping(self) -> float:
+        """What the length of a step is multiplied by, so that it does not go too far."""
+
+
 _REACH = 15.0
 """Reduced cost, in temperatures, up to which an entry stays in a narrowed oracle: a weight of 3e-7, and room for the
 prices to move in."""
@@ -167,7 +176,8 @@ class SmoothDescent:
             # The dual only falls as eps falls, so this went too far: by momentum, or else because the step is too long.
             rate = state.rate if state.momentum > 8.0 else 0.7 * state.rate
             return SmoothState(state.prices, state.prices, 1.0, rate, np.inf, state.iteration + 1)
-        new = np.maximum(state.point + state.rate * eps * np.log(np.maximum(usage, 1e-3)), 0.0)
+        length = state.rate * eps * (oracle.damping if isinstance(oracle, DampedOracle) else 1.0)
+        new = np.maximum(state.point + length * np.log(np.maximum(usage, 1e-3)), 0.0)
         uphill = float(np.sum((1.0 - usage) * (new - state.prices))) > 0.0
         before = 1.0 if uphill else state.momentum
         after = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * before * before))

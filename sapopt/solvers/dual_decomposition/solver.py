@@ -159,7 +159,7 @@ class DualDecomposition:
         # The plans over the network hold numbers in single precision and compare them to the ninth decimal.
         is_usual = largest == 0.0 or _NETWORK_SIZES[0] <= largest <= _NETWORK_SIZES[1]
         switching = problem.model.switching() is not None and is_usual
-        if not problem.model.is_agent_local:
+        if not problem.model.takes_prices:
             raise ValueError(
                 f"dynamics: {problem.model.called} is not agent-local (it has neither path_oracle nor "
                 "local_model), so no prices take its agents apart; HAAL and Exact(method='dp') serve any dynamics"

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from copied_problems import Case, cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import FORMS, arrays, as_form, plans_of, quarters, sizes, sparse_quarters
+from strategies import FORMS, arrays, as_form, plans_of
 
 from sapopt import SAP, Benefits, SwitchingCost, bound, certify, solve, verify
 from sapopt.data.matrices import GainMatrix
@@ -19,64 +18,6 @@ from sapopt.data.windows import WindowSums
 from sapopt.dynamics import SyntheticSwitching
 from sapopt.dynamics.paths.oracles import FirstValueOracle, LocalOracle, SoftPathOracle, path_oracle
 from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead, Exact, Greedy, NoHandover
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A problem as plain numbers."""
-
-    benefits: np.ndarray
-    options: dict[str, Any]
-    initial: tuple[int, ...] | None
-
-    def problem(self, form: str = "dense") -> SAP:
-        return SAP(as_form(self.benefits, form), SyntheticSwitching(**self.options), self.initial)
-
-    def label(self, which: str, index: int) -> int:
-        return index if self.options.get(which) is None else int(self.options[which][index])
-
-    def score(self, plan: Any) -> float:
-        """Value of a plan by the rule, in words: who held what is a set of (real agent, real task)."""
-        held = None
-        if self.initial is not None:
-            held = {(self.label("agent_of", i), self.label("task_of", j)) for i, j in enumerate(self.initial)}
-        total = 0.0
-        for k, row in enumerate(plan):
-            now = set()
-            for i, j in enumerate(row):
-                b = self.benefits[k, i, j]
-                total += b
-                pair = (self.label("agent_of", i), self.label("task_of", j))
-                if held is not None and pair not in held and (b > 0 or not self.options["idle_is_free"]):
-                    total -= self.options["cost"] + self.options["forfeit"] * max(b, 0.0)
-                if b > 0 or not self.options["needs_sight"]:
-                    now.add(pair)
-            held = now
-        return float(total)
-
-    def best(self) -> float:
-        """Value of the best of all plans."""
-        steps, n, m = self.benefits.shape
-        rows = list(permutations(range(m), n))
-        return max(self.score(plan) for plan in product(rows, repeat=steps))
-
-
-@st.composite
-def cases(draw: Any, plans: int = 10**9, groups: bool | None = None) -> Case:
-    """Small problems with and without copies of agents and tasks."""
-    steps, n, m = draw(sizes(plans, (3, 3, 4)))
-    benefits = draw(arrays((steps, n, m), draw(st.sampled_from([quarters, sparse_quarters]))))
-    grouped = draw(st.booleans()) if groups is None else groups
-    options = {
-        "cost": draw(st.sampled_from([0.0, 0.5, 1.25])),
-        "forfeit": draw(st.sampled_from([0.0, 0.5, 1.0])),
-        "agent_of": [draw(st.integers(0, 1)) for _ in range(n)] if grouped else None,
-        "task_of": draw(st.none() | st.lists(st.integers(0, 2), min_size=m, max_size=m)),
-        "idle_is_free": draw(st.booleans()),
-        "needs_sight": draw(st.booleans()),
-    }
-    initial = draw(st.none() | st.permutations(range(m)).map(lambda p: tuple(p[:n])))
-    return Case(benefits, options, initial)
 
 
 @settings(max_examples=30)
@@ -196,15 +137,17 @@ def test_keys_forget_which_copy() -> None:
     assert model.key(None) != model.key(np.array([0, 1, 2, 3]))
 
 
-def test_only_local_models_offer_paths() -> None:
-    """Prices prove a bound where agents have no copies; elsewhere the model does not pretend to."""
+def test_only_local_models_are_local() -> None:
+    """The state of copies is that of their group, whose paths have prices of places too; see test_groups."""
     benefits = np.ones((2, 2, 3))
-    assert SAP(benefits, SyntheticSwitching(task_of=[0, 0, 1])).model.is_agent_local
-    grouped = SAP(benefits, SyntheticSwitching(agent_of=[0, 0]))
-    assert not grouped.model.is_agent_local
-    assert grouped.model.path_oracle(grouped.benefits, None) is None
-    with pytest.raises(ValueError, match="agent-local"):
-        solve(grouped, DualLookahead(2))
+    local = SAP(benefits, SyntheticSwitching(task_of=[0, 0, 1])).model
+    assert local.is_agent_local
+    assert not local.has_places
+    grouped = SAP(benefits, SyntheticSwitching(agent_of=[0, 0])).model
+    assert not grouped.is_agent_local
+    assert grouped.local_model(grouped.benefits, None) is None
+    assert grouped.takes_prices
+    assert grouped.price_columns(2, 3) == 5
 
 
 def test_files(tmp_path: Path) -> None:
