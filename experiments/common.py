@@ -25,7 +25,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,14 @@ class Run:
     def say(self, text: str) -> None:
         """Print a line with the seconds since the start, at once."""
         print(f"[{time.perf_counter() - self.began:6.1f} s] {text}", flush=True)
+
+    def chosen(self, option: str, names: str, known: Collection[str]) -> list[str]:
+        """The names of an option, separated by commas; the script ends with one line at a name that is not known."""
+        asked = names.split(",")
+        for name in asked:
+            if name not in known:
+                raise SystemExit(f"{self.name}: --{option}: unknown {name!r}; known: {', '.join(known)}")
+        return asked
 
     def write_json(self, report: dict[str, Any], name: str | None = None) -> Path:
         """Write a report with everything that one needs to get it again.

@@ -35,6 +35,8 @@ from sapopt.learning.sampling import sample_episode
 from sapopt.learning.train import Training
 from sapopt.solvers import AssignmentPolicy, Exact, myopic
 
+METHODS = ("reda", "iql", "ippo", "coma")
+
 STEPS, EXPLORED = 12_000, 10_000
 """Time steps of a run, and those after which epsilon is 0."""
 
@@ -114,11 +116,10 @@ def in_words(plan: list[list[int]]) -> str:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of this script."""
-    parser.add_argument("--methods", default="reda,iql,ippo,coma")
+    parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--guide", default="myopic", choices=sorted(GUIDES))
     parser.add_argument("--memory", type=int, default=100, help="episodes that REDA and IQL remember")
     parser.add_argument("--show-step", action="store_true", help="agents see the number of the step as well")
-    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first run")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -127,15 +128,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     problem = problems(0)
     episodes = 20 if run.quick else STEPS // problem.T
     report: dict[str, Any] = {}
-    for index, method in enumerate(run.options.methods.split(",")):
+    for index, method in enumerate(run.chosen("methods", run.options.methods, METHODS)):
         report[method] = []
-        for seed in (run.options.first_seed + s for s in run.seeds):
+        for seed in run.seeds:
             folder = run.out / f"{method}-{run.options.guide}-{seed}"
             training = learn(method, seed, run.options, episodes, folder)
             at, values = curve(folder / "log.csv")
             value, plan = settled(method, training.last)
             report[method].append({"seed": seed, "best": training.value, "last": value, "plan": plan})
-            label = method.upper() if seed == run.options.first_seed else None
+            label = method.upper() if seed == run.seeds[0] else None
             axes.plot(at, values, color=f"C{index}", alpha=0.6, label=label)
             run.say(
                 f"{method} seed {seed}: best evaluation {training.value:.1f}, settled at {value:.1f}: {in_words(plan)}"

@@ -25,11 +25,13 @@ from sapopt.learning.options import FRESH
 from sapopt.solvers import AssignmentPolicy, DualLookahead, energy_price, power_constrained
 from sapopt.solvers.charge_value import ChargeValue
 
+METHODS = ("reda", "iql", "ippo")
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of this script."""
     parser.add_argument("--episodes", type=int, help="default 400, quick 2")
-    parser.add_argument("--methods", default="reda,iql,ippo")
+    parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--logs", default="", help="name=path of finished logs, separated by commas")
     parser.add_argument("--bound-seconds", type=float, help="for each bound; default 60, quick 5")
 
@@ -57,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     logs = dict(pair.split("=") for pair in run.options.logs.split(",") if pair)
     curves = {}
-    for method in run.options.methods.split(","):
+    for method in run.chosen("methods", run.options.methods, METHODS):
         path = Path(logs[method]) if method in logs else learn(method, episodes, problems, run.out / method)
         curves[method] = curve(path)
         run.say(f"{method}: best evaluation {max(curves[method][1]):.0f}")

@@ -55,18 +55,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     }
     if run.options.iql:
         players["IQL"] = by_iql(network_of(run.options.iql))
-        players["IQL's network, alpha"] = by_generator(REDA(network_of(run.options.iql)))
+        players["IQL's network with alpha"] = by_generator(REDA(network_of(run.options.iql)))
     if run.options.ippo:
         players["IPPO"] = by_ippo(network_of(run.options.ippo))
     if run.options.rollouts:
         reda = AssignmentPolicy(REDA.load("power"))
-        players["HAAL L=3, then REDA"] = by_policy(RolloutPolicy(reda, [HAAL(3)]))
-        players["energy price, then REDA"] = by_policy(RolloutPolicy(reda, [AssignmentPolicy(energy_price)]))
-    players["dual lookahead W=3, value of charge"] = by_policy(
+        players["HAAL L=3 then REDA"] = by_policy(RolloutPolicy(reda, [HAAL(3)]))
+        players["energy price then REDA"] = by_policy(RolloutPolicy(reda, [AssignmentPolicy(energy_price)]))
+    players["dual lookahead W=3 with the value of charge"] = by_policy(
         DualLookahead(3, end_value=ChargeValue.load("power"))
     )
     if run.options.only:
-        players = {name: players[name] for name in run.options.only.split(",")}
+        players = {name: players[name] for name in run.chosen("only", run.options.only, players)}
     problems = [instance("power", FIRST + seed, steps=20 if run.quick else 100) for seed in run.seeds]
     report = {}
     for name, player in players.items():

@@ -68,10 +68,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     run = common.begin(__doc__, "reda_domains", argv, add=add_options, resumes=True)
     episodes = run.options.episodes or (6 if run.quick else 150)
-    names = run.options.domains.split(",") if run.options.domains else list(DOMAINS)
-    for name in names:
-        if name not in DOMAINS:
-            raise SystemExit(f"--domains: unknown {name!r}; known: {', '.join(DOMAINS)}")
+    names = run.chosen("domains", run.options.domains or ",".join(DOMAINS), DOMAINS)
     fresh = 2 if run.quick else 10
     run.write_json({"values": {name: measure(run, name, episodes, fresh) for name in names}})
 

@@ -85,3 +85,11 @@ def test_one_way_to_import() -> None:
                 assert not {alias.name for alias in node.names} & names, path
             elif isinstance(node, ast.ImportFrom):
                 assert node.module not in names, path
+
+
+def test_names_of_an_option(tmp_path: Path) -> None:
+    """Names separated by commas are known ones, or the script ends with a line that lists those."""
+    run = begin(tmp_path)
+    assert run.chosen("methods", "b,a", ["a", "b", "c"]) == ["b", "a"]
+    with pytest.raises(SystemExit, match="made_up: --methods: unknown 'd'; known: a, b, c"):
+        run.chosen("methods", "a,d", ["a", "b", "c"])
