@@ -1,12 +1,14 @@
-"""What a round of the search does next: the work of its builder, or exchanges. The time goes to what pays."""
+"""What a round of the search does next: the work of its builder, dives or exchanges. The time goes to what pays."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TypeVar
 
 from sapopt.problem.sap import SAP
+from sapopt.solvers.dual_decomposition.dives import Dives
 from sapopt.solvers.dual_decomposition.exchanges import Exchanges
 
 _PAYING = 0.5
@@ -23,70 +25,105 @@ _FORGETTING = 0.25
 """What is left of a way's promise when it has found nothing."""
 
 _MOST_FAILURES = 9
-"""Exchanges without a better plan, each twice as long as the last, after which no more are tried."""
+"""Rounds without a better plan after which no more are tried; every exchange is twice as long as the last."""
 
 _LEAST_CELLS = 300
 """Agents times steps below which networks and sweeps say all there is to say."""
 
+Way = Dives | Exchanges | None
+"""What a round does; None is the work of the builder."""
+
+_BUILDER = type(None)
+"""The builder's key among the ways."""
+
+W = TypeVar("W", bound=Way)
+
 
 @dataclass(eq=False)
 class Portfolio:
-    """The two ways to a better plan, and what they have gained.
+    """The ways to a better plan, and what they have gained.
 
     Attributes
     ----------
     problem : SAP
     threads : int
-        Of the exchanges.
+        Of dives and exchanges.
     always : bool
-        Exchanges are made on a problem of any size.
+        Dives and exchanges are made on a problem of any size.
     """
 
     problem: SAP
     threads: int
     always: bool = False
-    _rates: dict[bool, float] = field(default_factory=lambda: {False: math.inf, True: math.inf})
-    """Gain for every second of the last rounds, without and with exchanges."""
+    _rates: dict[type, float] = field(default_factory=dict)
+    """Gain for every second of the last rounds of a way; infinite at first."""
+    _turns: dict[type, int] = field(default_factory=dict)
     _last_gain: float = math.inf
-    _exchanged: bool = False
+    _last: type = _BUILDER
 
     @cached_property
-    def exchanges(self) -> Exchanges | None:
-        """The exchanges of the run; None where the rule does not allow for them or the problem is too small."""
+    def others(self) -> list[Dives | Exchanges]:
+        """What there is beside the builder; nothing where the rule does not allow for it or on small problems."""
         if self.problem.T * self.problem.n < _LEAST_CELLS and not self.always:
-            return None
-        return Exchanges.of(self.problem, self.threads)
+            return []
+        made = (Dives.of(self.problem, self.threads), Exchanges.of(self.problem, self.threads))
+        return [way for way in made if way is not None]
+
+    @property
+    def awake(self) -> list[Dives | Exchanges]:
+        """Those that may still have something to say."""
+        return [way for way in self.others if way.quiet < _MOST_FAILURES]
 
     @property
     def is_tired(self) -> bool:
-        """Whether exchanges have nothing to say any more."""
-        return self.exchanges is None or self.exchanges.quiet >= _MOST_FAILURES
+        """Whether nothing but the builder has anything to say any more."""
+        return not self.awake
 
-    def turn(self, distance: float, seconds_left: float) -> Exchanges | None:
-        """The exchanges, if it is their turn; compiled and made only where the builder's rounds do not pay.
+    def turn(self, distance: float, seconds_left: float) -> Way:
+        """Whose turn it is; the others are compiled and made only where the builder's rounds do not pay.
 
         Parameters
         ----------
         distance : float
             Between bound and plan.
         seconds_left : float
-            Infinite without a time limit. Then nothing may depend on the clock: the two take turns from the first poor
+            Infinite without a time limit. Then nothing may depend on the clock: all take turns from the first poor
             round on.
         """
         if math.isinf(seconds_left):
-            poor = self._last_gain < _PAYING_TURN * distance
-            return self.exchanges if poor and not self._exchanged else None
-        if self._rates[False] * seconds_left > _PAYING * distance or self.is_tired:
+            if self._last is not _BUILDER or not self._last_gain < _PAYING_TURN * distance or self.is_tired:
+                return None
+            return min(self.awake, key=lambda way: self._turns.get(type(way), 0))
+        if self._rate(_BUILDER) * seconds_left > _PAYING * distance or self.is_tired:
             return None
-        # What would not be felt in the time left counts as nothing, and then the two take turns.
-        least = _FELT * distance / max(seconds_left, 1e-3)
-        with_them, without = (self._rates[key] if self._rates[key] > least else 0.0 for key in (True, False))
-        by_turns = with_them == without and not self._exchanged
-        return self.exchanges if with_them > without or by_turns else None
+        return self._best([None, *self.awake], distance, seconds_left)
 
-    def learn(self, exchanged: bool, gain: float, seconds: float) -> None:
+    def other(self, distance: float, seconds_left: float) -> Dives | Exchanges | None:
+        """Whose turn it is where the builder has none; None where nobody has anything to say."""
+        if self.is_tired:
+            return None
+        if math.isinf(seconds_left):
+            return min(self.awake, key=lambda way: self._turns.get(type(way), 0))
+        return self._best(list(self.awake), distance, seconds_left)
+
+    def learn(self, way: Way, gain: float, seconds: float) -> None:
         """Remember what a round gained, by itself and for every second."""
-        self._exchanged, self._last_gain = exchanged, gain
-        before = self._rates[exchanged]
+        kind = type(way)
+        before = self._rate(kind)
         floor = 0.0 if math.isinf(before) else _FORGETTING * before
-        self._rates[exchanged] = max(gain / max(seconds, 1e-3), floor)
+        self._rates[kind] = max(gain / max(seconds, 1e-3), floor)
+        self._turns[kind] = self._turns.get(kind, 0) + 1
+        self._last, self._last_gain = kind, gain
+
+    def _rate(self, kind: type) -> float:
+        return self._rates.get(kind, math.inf)
+
+    def _best(self, ways: list[W], distance: float, seconds_left: float) -> W:
+        # What would not be felt in the time left counts as nothing, and then they take turns.
+        least = _FELT * distance / max(seconds_left, 1e-3)
+
+        def promise(way: W) -> tuple[float, int]:
+            rate = self._rate(type(way))
+            return rate if rate > least else 0.0, -self._turns.get(type(way), 0)
+
+        return max(ways, key=promise)

@@ -66,8 +66,9 @@ class DualDecomposition:
     rolling assignment that values the future by the prices, and from sweeps in which one agent after another takes its
     best priced path. With a `SwitchingCost`, windows of the best plan are then solved exactly, as network flows over
     the cells of small reduced cost; with other agent-local dynamics (those with a `path_oracle` or `local_model`) the
-    sweeps go on. Where these no longer pay, agents exchange segments of their paths by simulated annealing (under a
-    `SwitchingCost` or a `SyntheticSwitching`), and the time goes to what has gained most lately.
+    sweeps go on. Where these no longer pay, all agents plan windows anew by dives under prices that settle on the way,
+    and pairs of agents exchange segments of their paths by simulated annealing (both under a `SwitchingCost` or a
+    `SyntheticSwitching`); the time goes to what has gained most lately.
 
     Parameters
     ----------
@@ -150,9 +151,10 @@ class DualDecomposition:
         for _ in search.steps():
             if run.expired:
                 return
-        for _ in search.rounds_of_exchanges() if rare else ():
-            if run.expired:
-                return
+        for way in search.portfolio.others if rare else ():
+            for _ in search.offered(way.improve(search)):
+                if run.expired:
+                    return
 
     def _begin(self, problem: SAP, run: Run) -> _Search:
         largest = max(largest_benefits(problem))
@@ -261,7 +263,7 @@ class _Search:
         if self.builder.lives_on_prices:
             yield from self.rounds_of_prices()
             yield from self.offered(path_sweeps(self, self.builder))
-            yield from self.rounds_of_exchanges()
+            yield from self.rounds_of_others()
         else:
             yield from self.offered(path_sweeps(self, self.builder))
             yield from self.rounds_of_plans()
@@ -288,13 +290,13 @@ class _Search:
         quiet = windows = 0
         for _ in self.turns():
             began, before = self.run.seconds, self.value
-            exchanges = self.portfolio.turn(self.bound - self.value, self.seconds_left)
-            if exchanges is None:
+            way = self.portfolio.turn(self.bound - self.value, self.seconds_left)
+            if way is None:
                 yield from self.offered(self.builder.improve(self, windows))
                 windows += 1
             else:
-                yield from self.offered(exchanges.improve(self))
-            self.portfolio.learn(exchanges is not None, self.value - before, self.run.seconds - began)
+                yield from self.offered(way.improve(self))
+            self.portfolio.learn(way, self.value - before, self.run.seconds - began)
             if not self.settled:
                 self.ascend(_DUAL_REST * (self.run.seconds - began))
                 yield
@@ -312,14 +314,15 @@ class _Search:
             if self.bound - self.value > (1.0 - _LEAST_GAIN) * (bound - value):
                 break
 
-    def rounds_of_exchanges(self) -> Iterator[None]:
-        """Exchanges and the prices by turns, where there is time for more than planning anew."""
-        exchanges = self.portfolio.exchanges
+    def rounds_of_others(self) -> Iterator[None]:
+        """Dives, exchanges and the prices by turns, where there is time for more than planning anew."""
         for _ in self.turns():
-            if exchanges is None or self.portfolio.is_tired:
+            way = self.portfolio.other(self.bound - self.value, self.seconds_left)
+            if way is None:
                 break
-            began = self.run.seconds
-            yield from self.offered(exchanges.improve(self))
+            began, before = self.run.seconds, self.value
+            yield from self.offered(way.improve(self))
+            self.portfolio.learn(way, self.value - before, self.run.seconds - began)
             if not self.settled:
                 self.ascend(_DUAL_REST * (self.run.seconds - began))
                 yield

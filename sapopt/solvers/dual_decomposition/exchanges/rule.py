@@ -80,6 +80,16 @@ def earned(rule, k, i, before, j):  # type: ignore[no-untyped-def]
 
 
 @njit(borrows=True, nogil=True, no_cpython_wrapper=True)
+def entered(rule, k, i, j):  # type: ignore[no-untyped-def]
+    """Return what agent i earns on task j at step k after another task, without what a matrix charges for the way."""
+    gain = benefit(rule, k, i, j)
+    if rule.idle_is_free and not gain > 0.0:
+        return gain
+    charge = 0.0 if rule.matrix.shape[0] > 0 else rule.cost
+    return gain - charge - rule.forfeit * max(gain, 0.0)
+
+
+@njit(borrows=True, nogil=True, no_cpython_wrapper=True)
 def span(rule, plan, i, first, last):  # type: ignore[no-untyped-def]
     """Return what agent i earns over the steps first..last - 1, and by going on from there."""
     total = 0.0
