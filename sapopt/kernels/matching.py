@@ -21,11 +21,11 @@ from sapopt.kernels.heap import pop, push
 from sapopt.kernels.jit import SMALL, njit
 from sapopt.kernels.ties import Matching, Rows
 
-_ROUNDS = 10  # passes of row reduction; a search costs more than a pass over the few agents that still wait
+_ROUNDS = 20  # passes of row reduction; a search costs more than a pass over the few agents that still wait
 
-Search = namedtuple("Search", "dist via done touched heap_key heap_task")
-"""Work arrays of a search: of every task its distance (infinite between searches), the agent it was reached ``via``,
-and whether that is final (``done``); the tasks ``touched``; a heap of tasks."""
+Search = namedtuple("Search", "dist via touched heap_key heap_task")
+"""Work arrays of a search: of every task its distance (infinite between searches) and the agent it was reached ``via``;
+the tasks ``touched``; a heap of tasks."""
 
 
 @njit(cache=True, nogil=True, small=SMALL)
@@ -149,11 +149,10 @@ def match(row_start, tasks, gains, m):
     if waiting > 0:
         dist = np.full(m, np.inf)
         via = np.empty(m, np.int64)
-        done = np.zeros(m, np.bool_)
         touched = np.empty(m, np.int64)
         heap_key = np.empty(row_start[n] + 1)
         heap_task = np.empty(row_start[n] + 1, np.int64)
-        search = Search(dist, via, done, touched, heap_key, heap_task)
+        search = Search(dist, via, touched, heap_key, heap_task)
         for q in range(waiting):
             scanned += _augment(queue[q], rows, found, search)
     return chosen, owner, u, p, waiting, scanned
@@ -232,7 +231,7 @@ def _augment(start, rows, found, search):
     """
     row_start, tasks, gains = rows
     chosen, owner, u, p = found
-    dist, via, done, touched, heap_key, heap_task = search
+    dist, via, touched, heap_key, heap_task = search
     utility = 0.0
     scanned = 0
     for e in range(row_start[start], row_start[start + 1]):
@@ -249,15 +248,16 @@ def _augment(start, rows, found, search):
     i = start
     length = 0.0
     while True:
-        base = length + u[i]
+        utility = u[i]
+        base = length + utility
         for e in range(row_start[i], row_start[i + 1]):
             scanned += 1
-            if base - gains[e] >= end_length:  # prices are not negative, so no later entry is nearer
+            g = gains[e]
+            if base - g >= end_length:  # prices are not negative, so no later entry is nearer
                 break
             j = np.int64(tasks[e])
-            if done[j] or owner[j] == i:
-                continue
-            reach = length + max(0.0, u[i] + p[j] - gains[e])
+            reach = length + max(0.0, utility + p[j] - g)
+            # A distance that is final, that of the agent's own task among them, is not greater than `length`.
             if reach >= end_length or reach >= dist[j]:
                 continue
             if dist[j] == np.inf:
@@ -276,12 +276,11 @@ def _augment(start, rows, found, search):
             key = heap_key[0]
             j = heap_task[0]
             size = pop(heap_key, heap_task, size)
-            if not done[j] and key <= dist[j]:
+            if key <= dist[j]:
                 task = j
                 break
         if task < 0 or dist[task] >= end_length:
             break
-        done[task] = True
         i = owner[task]
         length = dist[task]
         if length + u[i] < end_length:
@@ -293,7 +292,7 @@ def _augment(start, rows, found, search):
     u[start] -= end_length
     for t in range(n_touched):
         j = touched[t]
-        if done[j]:
+        if dist[j] < end_length:  # reached for good
             p[j] += end_length - dist[j]
             u[owner[j]] -= end_length - dist[j]
     task = end_task
@@ -311,7 +310,6 @@ def _augment(start, rows, found, search):
         task = previous
     for t in range(n_touched):
         dist[touched[t]] = np.inf
-        done[touched[t]] = False
     return scanned
 
 

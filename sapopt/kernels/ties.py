@@ -20,10 +20,10 @@ Matching = namedtuple("Matching", "chosen owner u p")
 """A matching and its duals: the task ``chosen`` by every agent and the ``owner`` of every task, -1 for none; the
 utilities ``u`` of the agents and the prices ``p`` of the tasks, as in `sapopt.kernels.matching`."""
 
-Walk = namedtuple("Walk", "seen parent taken queue option")
-"""Work arrays of a breadth-first walk. Of every agent, and the pool as node n: the stamp of the last walk that has
-``seen`` it, its ``parent``, from which it was reached, and the task ``taken`` from it there; the ``queue``; and the
-tasks that an agent may have (``option``)."""
+Walk = namedtuple("Walk", "tied seen parent taken queue option")
+"""Arrays of a breadth-first walk. Of every agent, and the pool as node n: whether it is ``tied``, that is, may be on
+a walk that succeeds; the stamp of the last walk that has ``seen`` it, its ``parent``, from which it was reached, and
+the task ``taken`` from it there; the ``queue``; and the tasks that an agent may have (``option``)."""
 
 
 @njit(cache=True, nogil=True)
@@ -41,25 +41,37 @@ def settle(row_start, tasks, gains, chosen, owner, u, p):
         if row_start[i] < row_start[i + 1]:
             tol[i] = _TIGHT * gains[row_start[i]]
     rows, matching = Rows(row_start, tasks, gains), Matching(chosen, owner, u, p)
-    if row_start[n] > 0 and _has_choice(rows, matching, tol):
-        _smallest(rows, matching, tol)
+    if row_start[n] > 0:
+        count, tied = _with_choice(rows, matching, tol)
+        if count > 0:
+            _smallest(rows, matching, tol, tied)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _has_choice(rows, matching, tol):
-    """Whether the tight pairs outside the matching form a cycle (Kahn's topological order).
+def _with_choice(rows, matching, tol):
+    """Find who may lie on a cycle of tight pairs outside the matching: nobody else can ever move.
 
     The nodes are agents that could move on, to the agent that holds the task they would take; node n is the pool of
-    free tasks and private idle options, which any agent may enter that holds a task of price zero or nothing.
-    Agents that cannot move on lie on no cycle and are left out.
+    free tasks and private idle options, which any agent may enter that holds a task of price zero or nothing. Nodes
+    that nobody leads to, and then nodes that lead to nobody, are taken away again and again (Kahn's topological
+    order). Moving along a cycle changes no strongly connected part of such a graph, so what is taken away need not be
+    looked at afterwards either.
+
+    Returns
+    -------
+    count : int
+        Nodes that are left.
+    tied : ndarray of bool, shape (n + 1,)
+        Which they are.
     """
     row_start, tasks, gains = rows
     chosen, owner, u, p = matching
     n = len(chosen)
     head = np.empty(row_start[n] + n, np.int32)  # where the moves lead to
     first = np.empty(n + 1, np.int64)
-    last = np.zeros(n, np.int64)
+    last = np.zeros(n + 1, np.int64)
     movers = np.empty(n, np.int64)
+    gives = np.zeros(n, np.bool_)  # whether the pool leads to the agent
     into = np.zeros(n + 1, np.int32)
     count = 0
     size = 0
@@ -81,31 +93,34 @@ def _has_choice(rows, matching, tol):
             last[i] = count
             movers[size] = i
             size += 1
+            gives[i] = chosen[i] < 0 or p[chosen[i]] <= tol[i]
+            if gives[i]:
+                into[i] += 1
     for e in range(count):
         into[head[e]] += 1
-    for q in range(size):  # the moves out of the pool
-        i = movers[q]
-        if chosen[i] < 0 or p[chosen[i]] <= tol[i]:
-            into[i] += 1
 
+    tied = np.zeros(n + 1, np.bool_)
+    tied[n] = True
+    left = size + 1
     stack = np.empty(size + 1, np.int64)
     waiting = 0
     for q in range(size):
+        tied[movers[q]] = True
         if into[movers[q]] == 0:
             stack[waiting] = movers[q]
             waiting += 1
     if into[n] == 0:
         stack[waiting] = n
         waiting += 1
-    removed = 0
     while waiting > 0:
         waiting -= 1
         v = stack[waiting]
-        removed += 1
+        tied[v] = False
+        left -= 1
         if v == n:
             for q in range(size):
                 i = movers[q]
-                if chosen[i] < 0 or p[chosen[i]] <= tol[i]:
+                if gives[i]:
                     into[i] -= 1
                     if into[i] == 0:
                         stack[waiting] = i
@@ -114,14 +129,60 @@ def _has_choice(rows, matching, tol):
         for e in range(first[v], last[v]):
             w = head[e]
             into[w] -= 1
-            if into[w] == 0 and (w == n or last[w] > 0):
+            if into[w] == 0 and tied[w]:
                 stack[waiting] = w
                 waiting += 1
-    return removed < size + 1
+    if left == 0:
+        return left, tied
+
+    # The other way round, among those that are left: the moves into a node are a chained list.
+    onward = np.zeros(n + 1, np.int64)
+    entry = np.full(n + 1, -1, np.int64)
+    earlier = np.empty(count, np.int64)
+    tail = np.empty(count, np.int64)
+    for q in range(size):
+        v = movers[q]
+        if not tied[v]:
+            continue
+        for e in range(first[v], last[v]):
+            w = head[e]
+            if tied[w]:
+                onward[v] += 1
+                earlier[e] = entry[w]
+                entry[w] = e
+                tail[e] = v
+        if gives[v] and tied[n]:
+            onward[n] += 1
+    for q in range(size):
+        if tied[movers[q]] and onward[movers[q]] == 0:
+            stack[waiting] = movers[q]
+            waiting += 1
+    if tied[n] and onward[n] == 0:
+        stack[waiting] = n
+        waiting += 1
+    while waiting > 0:
+        waiting -= 1
+        v = stack[waiting]
+        tied[v] = False
+        left -= 1
+        e = entry[v]
+        while e >= 0:
+            w = tail[e]
+            onward[w] -= 1
+            if onward[w] == 0:
+                stack[waiting] = w
+                waiting += 1
+            e = earlier[e]
+        if v < n and gives[v] and tied[n]:
+            onward[n] -= 1
+            if onward[n] == 0:
+                stack[waiting] = n
+                waiting += 1
+    return left, tied
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True)
-def _smallest(rows, matching, tol):
+def _smallest(rows, matching, tol, tied):
     """Agent by agent, switch to the smallest tight task that leaves an optimal matching of the agents after it.
 
     An agent gets a task for good before the next one is asked, so `_redirect` may only move agents after it; wishes are
@@ -136,9 +197,11 @@ def _smallest(rows, matching, tol):
     parent = np.empty(n + 1, np.int64)
     taken = np.empty(n + 1, np.int64)
     queue = np.empty(n + 1, np.int64)
-    walk = Walk(seen, parent, taken, queue, option)
+    walk = Walk(tied, seen, parent, taken, queue, option)
     stamp = np.int64(0)
     for i in range(n):
+        if not tied[i]:
+            continue
         current = chosen[i] if chosen[i] >= 0 else m
         size = _tight(i, rows, matching, tol, option)
         for w in range(size):
@@ -195,12 +258,12 @@ def _redirect(i, wish, rows, matching, tol, stamp, walk):
     walk : Walk
     """
     chosen, owner, u, p = matching
-    seen, parent, taken, queue, option = walk
+    tied, seen, parent, taken, queue, option = walk
     n = len(chosen)
     left = chosen[i]
     left_may_stay_free = left < 0 or p[left] <= tol[i]
     node = owner[wish] if owner[wish] >= 0 else n
-    if node < i:
+    if node < i or not tied[node]:
         return False  # it has its task for good
     seen[node] = stamp
     parent[node] = i
@@ -216,14 +279,18 @@ def _redirect(i, wish, rows, matching, tol, stamp, walk):
                 end = n
                 break
             for other in range(i + 1, n):
-                if seen[other] != stamp and (chosen[other] < 0 or p[chosen[other]] <= tol[other]):
+                if (
+                    tied[other]
+                    and seen[other] != stamp
+                    and (chosen[other] < 0 or p[chosen[other]] <= tol[other])
+                ):
                     seen[other] = stamp
                     parent[other] = n
                     taken[other] = -2
                     queue[tail] = other
                     tail += 1
             continue
-        if chosen[r] >= 0 and u[r] <= tol[r] and seen[n] != stamp:
+        if chosen[r] >= 0 and u[r] <= tol[r] and tied[n] and seen[n] != stamp:
             seen[n] = stamp
             parent[n] = r
             taken[n] = -1
@@ -238,7 +305,7 @@ def _redirect(i, wish, rows, matching, tol, stamp, walk):
                 end = r
                 break
             node = owner[j] if owner[j] >= 0 else n
-            if node <= i or seen[node] == stamp:
+            if node <= i or not tied[node] or seen[node] == stamp:
                 continue
             seen[node] = stamp
             parent[node] = r
