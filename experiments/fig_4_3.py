@@ -74,6 +74,9 @@ def draw(runs: list[Run]) -> Figure:
     right.grid(axis="y", color="#EEEEEE")
     right.spines[["top", "right"]].set_visible(False)
     handles, labels = left.get_legend_handles_labels()
+    own = left.get_legend()
+    if own is not None:  # one legend for both panels
+        own.remove()
     figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     return figure
 

@@ -75,14 +75,14 @@ class Attitude:
         return np.degrees(out)
 
     def draw(self, plan: IntArray, ax: Axes | None = None) -> Axes:
-        """Draw how far the satellites turn: the slews of every step as dots, and their sum as a line."""
-        from sapopt.plotting.style import PALETTE, axes_or_new, despine
+        """Draw how far the satellites turn: every slew as a dot, and the mean of those that turn as a line."""
+        from sapopt.plotting.style import PALETTE, axes_or_new, despine, step_axis
 
         ax = axes_or_new(ax, (7.2, 3.4))
         slews = self.slews_deg(plan)
         step, _ = np.nonzero(slews > 0)
         ax.plot(step, slews[slews > 0], ".", ms=3, color=PALETTE[0], alpha=0.35, label="slew of a satellite")
-        ax.set_xlabel("step")
+        step_axis(ax)
         ax.set_ylabel("slew (degrees)")
         ax.set_ylim(0, max(float(slews.max()) * 1.05, 1.0))
         turning = (slews > 0).sum(axis=1)

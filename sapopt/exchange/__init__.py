@@ -7,8 +7,10 @@
 from sapopt.exchange.czml import write_czml
 from sapopt.exchange.files import to_pandas, write_csv, write_excel, write_json, write_parquet
 from sapopt.exchange.geojson import write_geojson
+from sapopt.exchange.places import Places
 
 __all__ = [
+    "Places",
     "to_pandas",
     "write_csv",
     "write_czml",

@@ -8,8 +8,10 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from sapopt.data.times import step_ends
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.exchange.forms import owner
+from sapopt.exchange.places import Located, Places
 from sapopt.plotting.aboard import aboard
 from sapopt.problem.result import Result
 from sapopt.problem.sap import SAP
@@ -41,8 +43,10 @@ class Above:
     plan : ndarray of int64, shape (T, n)
     serves : ndarray of bool, shape (T, n)
         Whether the agent holds a task of positive benefit that lies somewhere.
-    positions_km : ndarray, shape (T, satellites, 3)
-        Earth-fixed.
+    positions_km : ndarray, shape (T, satellites, 3), or None
+        Earth-fixed; None where agents stay at `fixed`.
+    fixed : Located or None
+        Places of agents that do not move; they then stand for the satellites.
     satellites : list of str
         Their names.
     carrier : ndarray of int64, shape (n,)
@@ -59,7 +63,8 @@ class Above:
     problem: SAP
     plan: IntArray
     serves: np.ndarray
-    positions_km: FloatArray
+    positions_km: FloatArray | None
+    fixed: Located | None
     satellites: list[str]
     carrier: IntArray
     place: IntArray
@@ -69,6 +74,11 @@ class Above:
     places: list[str]
     starts: list[datetime]
     ends: list[datetime]
+
+    @property
+    def kind(self) -> str:
+        """What serves: a satellite, or an agent that does not move."""
+        return "satellite" if self.fixed is None else "agent"
 
     def runs(self) -> list[tuple[int, int, int, int]]:
         """Satellite, place, first step and stop of every time that a satellite serves a place without a break."""
@@ -93,13 +103,17 @@ def above(result: Result, scenario: Any, problem: SAP | None = None) -> Above:
     Raises
     ------
     ValueError
-        If the scenario has no satellites, or is not the one that the problem was made of.
+        If the scenario has no places, or is not the one that the problem was made of.
     """
     known = owner(result, problem)
+    if isinstance(scenario, Places):
+        return _on_the_ground(known, result, scenario)
     found = aboard(scenario)
     if found is None:
         raise ValueError(
-            f"scenario: a map needs satellites and places, as a Constellation has them, got {type(scenario).__name__}"
+            f"scenario: a map needs places, and a {type(scenario).__name__} has none; a Constellation has them, and "
+            "sapopt.exchange.Places tells where agents are that do not move. Without places take the report, or a "
+            "table (Result.to_csv, sapopt.exchange.write_excel, write_json)"
         )
     base, carrier, place = found
     tasks, positions = base.tasks, base.positions_km
@@ -121,10 +135,34 @@ def above(result: Result, scenario: Any, problem: SAP | None = None) -> Above:
     held = place[np.where(result.plan < 0, 0, result.plan)]
     serves = (known.held_benefits(result.plan) > 0) & (result.plan >= 0) & (held < tasks.m)
     return Above(
-        known, result.plan, serves, positions,
+        known, result.plan, serves, positions, None,
         list(names) or [f"satellite {i}" for i in range(positions.shape[1])], np.asarray(carrier), np.asarray(place),
         tasks.latitude_deg, tasks.longitude_deg, tasks.priority,
         list(tasks.names) or [f"task {j}" for j in range(tasks.m)], edges[:-1], edges[1:],
+    )  # fmt: skip
+
+
+def _on_the_ground(problem: SAP, result: Result, given: Places) -> Above:
+    """The same where agents stay at places."""
+    agents, tasks = given.agents, given.tasks
+    for name, place, count in (("agents", agents, problem.n), ("tasks", tasks, problem.m)):
+        if len(place.latitude_deg) != count:
+            raise ValueError(
+                f"scenario: it has places for {len(place.latitude_deg)} {name}, the problem {count}"
+            )
+    start = given.start or _UNDATED
+    times: list[Any] = [start + timedelta(seconds=given.step_s * k) for k in range(problem.T + 1)]
+    if problem.times is not None and isinstance(problem.times[0], datetime):
+        last = step_ends(problem.times)[-1]
+        times = list(problem.times)
+        times.append(times[-1] + timedelta(seconds=given.step_s) if last is None else last)
+    edges = [time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC) for time in times]
+    names = [list(agents.names or problem.agents or []), list(tasks.names or problem.tasks or [])]
+    return Above(
+        problem, result.plan, (problem.held_benefits(result.plan) > 0) & (result.plan >= 0), None, agents,
+        names[0] or [f"agent {i}" for i in range(problem.n)], np.arange(problem.n), np.arange(problem.m),
+        tasks.latitude_deg, tasks.longitude_deg, tasks.priority,
+        names[1] or [f"task {j}" for j in range(problem.m)], edges[:-1], edges[1:],
     )  # fmt: skip
 
 

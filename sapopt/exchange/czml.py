@@ -19,6 +19,7 @@ _SATELLITE, _PLACE, _LINK = [255, 255, 255, 255], [86, 180, 233, 255], [230, 159
 _SPEED = 60.0
 """Seconds of the plan that pass in one second of the film."""
 _TRAIL_S = 600.0
+_MOST_LABELS = 60
 
 
 def write_czml(result: Result, path: str | Path, scenario: Any, problem: SAP | None = None) -> None:
@@ -29,15 +30,16 @@ def write_czml(result: Result, path: str | Path, scenario: Any, problem: SAP | N
     result : Result
     path : str or Path
         An existing file is replaced.
-    scenario : Constellation, or a scenario that rides on one
-        What the problem was made of. Its date is the start of the film; without one that is 2000-01-01 12:00 UTC.
+    scenario : Constellation, a scenario that rides on one, or Places
+        What the problem was made of, or where its agents and tasks are if none moves. Its date is the start of the
+        film; without one that is 2000-01-01 12:00 UTC.
     problem : SAP, optional
         Needed only if the result was read from a file.
 
     Raises
     ------
     ValueError
-        If the scenario has no satellites, or is not the one that the problem was made of.
+        If the scenario has no places, or is not the one that the problem was made of.
     ImportError
         If czml3 is not installed (extra ``space``).
 
@@ -54,8 +56,8 @@ def write_czml(result: Result, path: str | Path, scenario: Any, problem: SAP | N
     clock = properties.Clock(interval=interval, currentTime=stamp(film.starts[0]), multiplier=_SPEED)
     packets = [czml.Packet(id="document", name=f"{result.solver}", version="1.0", clock=clock)]
     served = film.runs()
-    packets += _satellites(czml, properties, film, interval, served)
-    packets += _places(czml, properties, film, served)
+    packets += _satellites(czml, properties, types, film, interval, served)
+    packets += _places(czml, properties, types, film, served)
     packets += _links(czml, properties, types, film, interval, served)
     write_text(path, czml.Document(packets=packets).dumps() + "\n")
 
@@ -63,36 +65,59 @@ def write_czml(result: Result, path: str | Path, scenario: Any, problem: SAP | N
 Runs = list[tuple[int, int, int, int]]
 
 
-def _satellites(czml: Any, properties: Any, film: Above, interval: Any, served: Runs) -> list[Any]:
-    step_s = (film.ends[0] - film.starts[0]).total_seconds()
-    seconds = step_s * np.arange(len(film.starts))
+def _satellites(
+    czml: Any, properties: Any, types: Any, film: Above, interval: Any, served: Runs
+) -> list[Any]:
     told: dict[int, list[str]] = defaultdict(list)
     for satellite, place, first, stop in sorted(served, key=lambda run: run[2]):
         told[satellite].append(_line(film, film.places[place], first, stop))
     colour = properties.Color(rgba=_SATELLITE)
-    packets = []
-    for i, name in enumerate(film.satellites):
-        samples = np.column_stack([seconds, np.round(film.positions_km[:, i] * 1000.0, 1)])
-        position = properties.Position(
-            referenceFrame="FIXED", epoch=stamp(film.starts[0]), cartesian=samples.ravel().tolist(),
-            interpolationAlgorithm="LAGRANGE", interpolationDegree=min(5, max(len(seconds) - 1, 1)),
-            forwardExtrapolationType="EXTRAPOLATE", forwardExtrapolationDuration=step_s,
-        )  # fmt: skip
-        packets.append(
-            czml.Packet(
-                id=f"satellite/{i}", name=name, availability=interval, position=position,
-                description="".join(told[i]) or "serves nothing",
-                point=properties.Point(pixelSize=6, color=colour),
-                path=properties.Path(
-                    leadTime=0, trailTime=_TRAIL_S, width=1,
-                    material=properties.PolylineMaterial(solidColor=properties.SolidColorMaterial(color=colour)),
-                ),
-            )
-        )  # fmt: skip
-    return packets
+    trail = properties.Path(
+        leadTime=0, trailTime=_TRAIL_S, width=1,
+        material=properties.PolylineMaterial(solidColor=properties.SolidColorMaterial(color=colour)),
+    )  # fmt: skip
+    return [
+        czml.Packet(
+            id=f"satellite/{i}", name=name, availability=interval, position=_position(properties, film, i),
+            description="".join(told[i]) or "serves nothing",
+            point=properties.Point(pixelSize=6, color=colour), path=trail if film.fixed is None else None,
+            label=_label(properties, types, name, film.satellites) if film.fixed is not None else None,
+        )
+        for i, name in enumerate(film.satellites)
+    ]  # fmt: skip
 
 
-def _places(czml: Any, properties: Any, film: Above, served: Runs) -> list[Any]:
+def _position(properties: Any, film: Above, i: int) -> Any:
+    """Where a satellite flies, or an agent that does not move stays."""
+    if film.positions_km is None:
+        return _still(properties, film.fixed, i)
+    step_s = (film.ends[0] - film.starts[0]).total_seconds()
+    seconds = step_s * np.arange(len(film.starts))
+    samples = np.column_stack([seconds, np.round(film.positions_km[:, i] * 1000.0, 1)])
+    return properties.Position(
+        referenceFrame="FIXED", epoch=stamp(film.starts[0]), cartesian=samples.ravel().tolist(),
+        interpolationAlgorithm="LAGRANGE", interpolationDegree=min(5, max(len(seconds) - 1, 1)),
+        forwardExtrapolationType="EXTRAPOLATE", forwardExtrapolationDuration=step_s,
+    )  # fmt: skip
+
+
+def _still(properties: Any, places: Any, j: int) -> Any:
+    return properties.Position(
+        cartographicDegrees=[float(places.longitude_deg[j]), float(places.latitude_deg[j]), 0.0]
+    )
+
+
+def _label(properties: Any, types: Any, name: str, among: list[str]) -> Any:
+    """A name beside a point, as long as there are few enough to be read."""
+    if len(among) > _MOST_LABELS:
+        return None
+    return properties.Label(
+        text=name, font="13px sans-serif", horizontalOrigin="LEFT",
+        pixelOffset=types.Cartesian2Value(values=[9, 0]),
+    )  # fmt: skip
+
+
+def _places(czml: Any, properties: Any, types: Any, film: Above, served: Runs) -> list[Any]:
     told: dict[int, list[str]] = defaultdict(list)
     for satellite, place, first, stop in sorted(served, key=lambda run: run[2]):
         told[place].append(_line(film, film.satellites[satellite], first, stop))
@@ -100,10 +125,8 @@ def _places(czml: Any, properties: Any, film: Above, served: Runs) -> list[Any]:
     return [
         czml.Packet(
             id=f"task/{j}", name=name, description="".join(told[j]) or "is never served",
-            position=properties.Position(
-                cartographicDegrees=[float(film.longitude_deg[j]), float(film.latitude_deg[j]), 0.0]
-            ),
-            point=properties.Point(pixelSize=5, color=colour),
+            position=_still(properties, film, j), point=properties.Point(pixelSize=5, color=colour),
+            label=_label(properties, types, name, film.places),
         )
         for j, name in enumerate(film.places)
         if film.priority[j] > 0

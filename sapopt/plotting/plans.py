@@ -22,6 +22,7 @@ from sapopt.plotting.style import (
     despine,
     few_ticks,
     name_of,
+    step_axis,
 )  # fmt: skip
 
 if TYPE_CHECKING:
@@ -80,8 +81,8 @@ def benefit_history(
         )
     ax.set_xlim(0, max(problem.T - 1, 1))
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
-    ax.set_xlabel("step")
-    ax.set_ylabel(f"benefit of the task of {problem.naming.agent(agent)}")
+    step_axis(ax)
+    ax.set_ylabel(f"benefit of {problem.naming.agent(agent)}")
     ax.grid(axis="y", color=GRID, zorder=0)
     ax.set_axisbelow(True)
     ax.legend(
@@ -148,10 +149,10 @@ def timeline(
     ax.add_collection(LineCollection(list(strokes), colors=BOUND, linewidths=1.1))
     ax.hlines(np.arange(len(rows) - 1) + 0.5, -0.5, problem.T - 0.5, color="white", lw=1.0)
     ax.set_yticks(*few_ticks(rows, problem.agents))
-    ax.set_xlabel("step")
+    step_axis(ax)
     ax.set_ylabel("agent")
     ax.set_title(
-        f"{name_of(result)}: colour is the benefit of the task held, grey is idle, a red stroke is a handover",
+        f"{name_of(result)}: colour is the benefit of the task held, grey is idle, an orange stroke is a handover",
         fontsize=9,
         loc="left",
         color=MUTED,
@@ -210,10 +211,10 @@ def price_heat_map(
         interpolation="nearest",
         cmap=HEAT,
         vmin=0.0,
-        vmax=max(price.max(), 1e-12),
+        vmax=price.max() if price.max() > 0 else 1.0,
     )
     ax.set_yticks(*few_ticks(rows, labels))
-    ax.set_xlabel("step")
+    step_axis(ax)
     ax.set_ylabel("task")
     bar = ax.figure.colorbar(image, ax=ax, pad=0.015, fraction=0.03)
     bar.set_label("price")

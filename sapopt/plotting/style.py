@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.ticker import MaxNLocator
 
 from sapopt.problem.result import Result
 
@@ -29,6 +30,12 @@ def despine(ax: Axes, left: bool = False) -> None:
     """Take away the frame but for the axes that are read."""
     for side in ("top", "right", *(("left",) if left else ())):
         ax.spines[side].set_visible(False)
+
+
+def step_axis(ax: Axes) -> None:
+    """Name the horizontal axis of the steps, which are whole numbers and counted from 0."""
+    ax.set_xlabel("step")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def few_ticks(rows: np.ndarray, labels: Any = None) -> tuple[np.ndarray, list[str]]:

@@ -184,10 +184,12 @@ def value_against_lookahead(
         ax.axhline(level, color=color[name], ls="--", lw=1.2, label=name)
     if bound is not None:
         ax.axhline(bound, color=BOUND, lw=1.6, label=f"proven bound {bound:,.1f}")
-    ax.set_xlabel("lookahead")
+    ax.set_xlabel("lookahead (steps)")
     ax.set_ylabel("value of the plan")
     ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if len(names) + (bound is not None) > 1:
+        ax.legend(frameon=False, fontsize=9)
     ax.grid(axis="y", color=GRID)
     ax.set_axisbelow(True)
     despine(ax)
@@ -227,6 +229,7 @@ def ratio_against_c(
         ringed = np.reshape(np.asarray(violations, dtype=np.float64), (-1, 2))
         ax.scatter(ringed[:, 0], ringed[:, 1], s=60, facecolors="none", edgecolors="red", lw=1.0, zorder=4)
     ax.set(xscale="log", xlim=(0.01, 2000), ylim=(-0.02, 1.02), xlabel="c", ylabel="value / optimum")
+    ax.legend(frameon=False, fontsize=9, loc="lower right")
     ax.grid(color=GRID)
     ax.set_axisbelow(True)
     despine(ax)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
 
 from sapopt.data.types import FloatArray
 from sapopt.plotting.aboard import aboard
@@ -106,6 +107,7 @@ def world_map(
     _dots(ax, here[~busy], 7, MUTED, alpha=0.6, zorder=4)
     _dots(ax, here[busy], 9, BEST, zorder=4)
     highest = min(90.0, max(60.0, float(np.abs(here[:, 1]).max()) + 7.0))
+    _legend(ax, result is not None, prices is not None)
     ax.set(xlim=(-180, 180), ylim=(-highest, highest), aspect="equal")
     ax.set_xticks(range(-180, 181, 60))
     ax.set_yticks(range(-60, 61, 30))
@@ -113,6 +115,27 @@ def world_map(
     for spine in ax.spines.values():
         spine.set_visible(False)
     return ax
+
+
+def _legend(ax: Axes, served: bool, priced: bool) -> None:
+    """What the marks mean, below the map."""
+    square, dot = {"marker": "s", "ls": "none", "ms": 5}, {"marker": "o", "ls": "none", "ms": 4}
+    marks = [
+        Line2D([], [], color=MUTED, alpha=0.6, label="satellite that idles" if served else "satellite", **dot)
+    ]
+    if served:
+        marks.insert(0, Line2D([], [], color=BEST, label="satellite at work", **dot))
+    if priced:
+        marks.append(Line2D([], [], color=HEAT(0.6), label="task: the darker, the dearer", **square))
+    else:
+        marks += [Line2D([], [], color=_SERVED, label="task served", **square)] if served else []
+        marks.append(Line2D([], [], color=_FREE, label="task not served" if served else "task", **square))
+    if served:
+        marks.append(Line2D([], [], color=BOUND, lw=1.6, label="just handed over"))
+    ax.legend(
+        handles=marks, loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=len(marks), frameon=False, fontsize=8,
+        handletextpad=0.4,
+    )  # fmt: skip
 
 
 def _dots(ax: Axes, at: FloatArray, size: Any, color: Any, **look: Any) -> None:

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from sapopt import SAP, Result, solve
 from sapopt.domains.constellation import GroundTasks, WalkerShell, walker_constellation
 from sapopt.domains.instances import scenario
-from sapopt.exchange import write_czml, write_geojson
+from sapopt.domains.roster import random_roster
+from sapopt.exchange import Places, write_czml, write_geojson
 from sapopt.exchange.geojson import cut
 from sapopt.solvers import HAAL
 
@@ -183,8 +184,47 @@ def test_other_scenarios_are_refused(tmp_path: Path) -> None:
     problem = SAP(np.ones((2, 2, 2)))
     result = Result.from_plan(problem, [[0, 1], [0, 1]])
     for write in (write_czml, write_geojson):
-        with pytest.raises(ValueError, match="a map needs satellites and places"):
+        with pytest.raises(ValueError, match="a map needs places, and a"):
             write(result, tmp_path / "p", scenario("dictator"))
         with pytest.raises(ValueError, match="pass the scenario that the problem was made from"):
             write(result, tmp_path / "p", MADE)
     assert list(tmp_path.iterdir()) == []
+
+
+ANTENNAS = GroundTasks([35.4, -35.4], [-116.9, 149.0], [1.0, 1.0], ("Goldstone", "Canberra"))
+SITES = GroundTasks([60.0, 0.0, 10.0], [10.0, 20.0, 190.0], [1.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_agents_that_stay_where_they_are(dated: bool, tmp_path: Path) -> None:
+    """Fixed points with their names, joined to the places that they serve, at the times of the steps."""
+    benefits = np.zeros((3, 2, 3))
+    benefits[:2, 0, 1] = benefits[2, 1, 0] = 1.0
+    times = [START, START + timedelta(hours=1), START + timedelta(hours=3)] if dated else None
+    problem = SAP(benefits, 0.1, tasks=["a", "b", "c"], times=times)
+    result = Result.from_plan(problem, [[1, 0], [1, 0], [1, 0]])
+    here = Places(ANTENNAS, SITES, start=None if dated else START, step_s=3600.0)
+    write_czml(result, tmp_path / "p.czml", here)
+    packets = json.loads((tmp_path / "p.czml").read_text("utf-8"))
+    assert json.loads(Document.model_validate(packets).dumps()) == packets
+    by_id = {packet["id"]: packet for packet in packets}
+    assert by_id["satellite/1"]["position"] == {"cartographicDegrees": [149.0, -35.4, 0.0]}
+    assert "path" not in by_id["satellite/1"]
+    assert by_id["satellite/1"]["label"]["text"] == "Canberra"
+    assert [by_id[f"task/{j}"]["name"] for j in range(2)] == ["a", "b"]
+    end = {True: "14:00", False: "13:00"}[dated]
+    shown = by_id["assignment/0/1"]["polyline"]["show"][1:]
+    assert [span["interval"] for span in shown] == [f"2026-03-01T11:00:00Z/2026-03-01T{end}:00Z"]
+    write_geojson(result, tmp_path / "p.geojson", here)
+    features = json.loads((tmp_path / "p.geojson").read_text("utf-8"))["features"]
+    kinds = {f["properties"]["name"]: f["properties"]["kind"] for f in features}
+    assert kinds == {"a": "task", "b": "task", "Goldstone": "agent", "Canberra": "agent"}
+    for feature in features:
+        assert feature["geometry"]["type"] == "Point"
+        position(feature["geometry"]["coordinates"])
+    with pytest.raises(ValueError, match="it has places for 3 agents, the problem 2"):
+        write_czml(result, tmp_path / "q.czml", Places(SITES, SITES))
+    with pytest.raises(ValueError, match=r"a Roster has none.*Places.*Without places"):
+        write_czml(result, tmp_path / "q.czml", random_roster(nurses=3, wards=2, days=4, seed=0))
+    with pytest.raises(ValueError, match="agents must be places, such as GroundTasks, got list"):
+        Places([1.0], SITES)  # type: ignore[arg-type]
