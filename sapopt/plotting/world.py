@@ -119,7 +119,8 @@ def world_map(
 
 def _legend(ax: Axes, served: bool, priced: bool) -> None:
     """What the marks mean, below the map."""
-    square, dot = {"marker": "s", "ls": "none", "ms": 5}, {"marker": "o", "ls": "none", "ms": 4}
+    square: dict[str, Any] = {"marker": "s", "ls": "none", "ms": 5}
+    dot: dict[str, Any] = {"marker": "o", "ls": "none", "ms": 4}
     marks = [
         Line2D([], [], color=MUTED, alpha=0.6, label="satellite that idles" if served else "satellite", **dot)
     ]
