@@ -40,9 +40,10 @@ class CopiedPlans(OraclePlans):
     threads: int = 1
 
     def rolling(self, search: Search) -> Iterator[Found]:
-        """As for single agents, in the best order."""
+        """A rolling assignment, in the best order. Another one with repricing gains less than sweeps in that time."""
         for phase, plan in super().rolling(search):
             yield phase, self.tidied(plan)
+            return
 
     def sweep(
         self,

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.copies.groups import GroupPaths
 from sapopt.dynamics.paths.first_rows import FirstRowsOracle
 from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching.torch_paths import KERNELS, path_oracle, torch_device
@@ -21,6 +22,7 @@ from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
 from sapopt.running.outlook import rollout
 from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
+from sapopt.solvers.dual_decomposition.copied_plans import CopiedPlans
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
@@ -172,7 +174,10 @@ class DualDecomposition:
 
 
 def _oracle_builder(options: DualDecomposition, problem: SAP) -> PlanBuilder:
-    return OraclePlans(problem, _oracle(options, problem, 0, problem.initial_state()))
+    oracle = _oracle(options, problem, 0, problem.initial_state())
+    if isinstance(oracle, GroupPaths):
+        return CopiedPlans(problem, oracle, threads=options.threads)
+    return OraclePlans(problem, oracle)
 
 
 def _network_builder(options: DualDecomposition, problem: SAP) -> PlanBuilder:
