@@ -8,6 +8,8 @@
 - `three-handovers`: 10 x 5 x 7 at random with `Exact`, at most three handovers each against no limit; medians of seven.
 - `imaging`: the instance, a day by the minute; also what HAA and the dual lookahead of 30 steps get.
 - `roster`: the instance; also ward-days short of a nurse.
+- `interference`: 20 x 30 x 20 at random, where neighbours in a row of tasks lose 0.5, and 80 satellites over 250 tasks
+  of the instance of that name; also the bound without the losses, and what reacting to each other gets.
 
 `--seconds` is the time of each planner (120 on constellation-mid, 60 else); --quick takes small sizes.
 """
@@ -23,9 +25,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from experiments import common
-from sapopt import SAP, Limit, Result, SwitchingCost, solve
+from sapopt import SAP, Limit, Result, SwitchingCost, bound, solve
 from sapopt.domains.instances import instance, scenario
-from sapopt.solvers import HAA, DualDecomposition, DualLookahead, Exact
+from sapopt.dynamics import Interference
+from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead, Exact, IteratedAssignment
 from sapopt.solvers.base import Solver
 
 _DEAR = 1.8
@@ -110,9 +113,36 @@ def roster(run: common.Run, seed: int) -> list[dict[str, Any]]:
     return [row("roster", result, short=short)]
 
 
+def interference(run: common.Run, seed: int) -> list[dict[str, Any]]:
+    rng = np.random.default_rng(seed)
+    T, n, m = (6, 6, 9) if run.quick else (20, 20, 30)
+    benefits = rng.random((T, n, m)) * (rng.random((T, n, m)) < 0.3)
+    chain = Interference([(j, j + 1) for j in range(m - 1)], 0.5, 0.3)
+    small = {"planes": 3, "per_plane": 4, "tasks": 30, "steps": 6}
+    sizes = small if run.quick else {"planes": 8, "per_plane": 10, "tasks": 250, "steps": 30}
+    rows = []
+    for name, problem in (
+        ("chain", SAP(benefits, chain)),
+        ("beams", instance("interference", seed, **sizes)),
+    ):
+        limit = 10.0 if run.quick else run.options.seconds or 60.0
+        proven = bound(problem, time_limit=limit)
+        rule = problem.dynamics
+        assert isinstance(rule, Interference)
+        free = bound(SAP(problem.benefits, SwitchingCost(rule.cost)), time_limit=limit).value
+        result = planned(run, problem, limit, seed)
+        reacting = solve(problem, IteratedAssignment(), seed=seed).value
+        run.say(
+            f"  {name}: bound {proven.value:.3f}, without losses {free:.3f}; plan {result.value:.3f}, "
+            f"iterated {reacting:.3f}, HAAL(3) {solve(problem, HAAL(3)).value:.3f}"
+        )
+        rows.append(row(name, result, dual=proven.value, without_losses=free, iterated=reacting))
+    return rows
+
+
 CASES: dict[str, Callable[[common.Run, int], list[dict[str, Any]]]] = {
     "three-handovers": three_handovers, "imaging": imaging, "roster": roster, "mid-handovers": mid_handovers,
-    "mid-covers": mid_covers,
+    "mid-covers": mid_covers, "interference": interference,
 }  # fmt: skip
 
 

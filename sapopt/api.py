@@ -11,6 +11,8 @@ from typing import Any
 from sapopt.data.types import FloatArray
 from sapopt.formulations.bounds import cancellation, dual_bound, stepwise_bound
 from sapopt.formulations.limited.bounds import limited_bound
+from sapopt.formulations.limited.building import TooLargeError
+from sapopt.formulations.limited.disturbed import needs_limits, undisturbed
 from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prove
@@ -94,7 +96,10 @@ def solve(
                 played = rollout(core, solver, run, forecast)
                 outcome = Outcome(played.plan, played.status, trace=played.trace)
             else:
-                outcome = _padded(core, solver.plan(core, run))
+                hidden = cancellation(
+                    core
+                )  # first, for it may take long, and the planner keeps to what time is left
+                outcome = _padded(core, solver.plan(core, run), hidden)
         runtime = run.seconds
     _tell_compiling(run)
     plan = problem.unplaced(outcome.plan)
@@ -106,12 +111,9 @@ def solve(
     )  # fmt: skip
 
 
-def _padded(problem: SAP, outcome: Outcome) -> Outcome:
+def _padded(problem: SAP, outcome: Outcome, hidden: float) -> Outcome:
     """What a planner proved, with what rounding may have hidden from it; a proof of optimality may not survive that."""
-    if outcome.bound is None:
-        return outcome
-    hidden = cancellation(problem)
-    if hidden == 0.0:
+    if outcome.bound is None or hidden == 0.0:
         return outcome
     is_proven = hidden <= _OPTIMAL * max(abs(outcome.bound), gap_unit(problem))
     status = Status.FEASIBLE if outcome.status is Status.OPTIMAL and not is_proven else outcome.status
@@ -149,8 +151,9 @@ def bound(
     """A proven upper bound of the optimal value of this very problem.
 
     For agent-local dynamics (every `SwitchingCost`) and copies of agents the Lagrangian dual of the task capacities is
-    minimised (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken. Limits and
-    teams have multipliers in the same dual (docs/limits.md).
+    minimised (`sapopt.formulations.dual`); for others the sum over the steps of alpha(beta_k) is taken. Limits, teams,
+    and tasks that disturb each other (`sapopt.dynamics.Interference`) have multipliers in the same dual
+    (docs/limits.md).
 
     Parameters
     ----------
@@ -184,14 +187,25 @@ def bound(
     with _display(progress, "bound", callback) as report:
         run = Run(seed, time_limit, report)
         with interruptible(run):
-            if not problem.is_plain:
-                proven = limited_bound(problem, run, prices)
+            if needs_limits(problem):
+                proven = _limited(problem, run, prices, device)
             elif not problem.model.takes_prices:
                 proven = stepwise_bound(problem, run)
             else:
                 proven = dual_bound(problem, run, prices, device)
     _tell_compiling(run)
     return proven
+
+
+def _limited(problem: SAP, run: Run, prices: FloatArray | None, device: str) -> Bound:
+    """The bound with limits and losses; without the losses where the graph would be too large for nothing but them."""
+    try:
+        return limited_bound(problem, run, prices)
+    except TooLargeError:
+        if not problem.is_plain:
+            raise
+        log.warning("bound: too many arcs for the losses of tasks that disturb each other; they are left out")
+        return dual_bound(undisturbed(problem), run, prices, device)
 
 
 def certify(

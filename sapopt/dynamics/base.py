@@ -113,6 +113,23 @@ class Units(NamedTuple):
     capacity: int
 
 
+class Disturbed(NamedTuple):
+    """Pairs of tasks that lose when both are served at a step, where nothing else makes a step depend on the whole.
+
+    Attributes
+    ----------
+    pairs : ndarray of int64, shape (P, 2)
+    loss : ndarray, shape (P,)
+        Not negative. With several agents on a task of a pair, the loss may be more than this.
+    alone : Model
+        The rule without the losses, bound to the benefits; it is agent-local.
+    """
+
+    pairs: IntArray
+    loss: FloatArray
+    alone: Model
+
+
 class Batteries(Protocol):
     """Agents whose work drains a battery: what prices of energy and values of charge ask for."""
 
@@ -339,6 +356,13 @@ class Model(ABC):
 
     def switching(self) -> Switching | None:
         """The parameters of the plain switching rule if this is that very rule, else None."""
+        return None
+
+    def disturbed(self) -> Disturbed | None:
+        """The pairs of tasks that disturb each other, if all interaction is such a pair's loss where both are served.
+
+        A task is served where an agent of positive benefit holds it.
+        """
         return None
 
     def by_rule(self) -> LocalRule | None:

@@ -11,7 +11,7 @@ import numpy as np
 from sapopt.data.matrices import GainMatrix, Matrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.data.windows import WindowSums
-from sapopt.dynamics.base import AgentColumns, Model, Setting
+from sapopt.dynamics.base import AgentColumns, Disturbed, Model, Setting
 from sapopt.dynamics.paths.oracles import LocalModel
 
 
@@ -102,6 +102,11 @@ class IdlePlace(Model):
     def interaction(self, k: int, state: Any, assignments: IntArray) -> FloatArray:
         """That of the rule."""
         return self.inner.interaction(k, state, assignments)
+
+    def disturbed(self) -> Disturbed | None:
+        """The rule's; without the losses, idleness is a place of its own as well."""
+        found = self.inner.disturbed()
+        return None if found is None else found._replace(alone=IdlePlace(found.alone, self.place))
 
     def marginal(self, k: int, state: Any, activity: FloatArray) -> FloatArray:
         """That of the rule."""

@@ -18,6 +18,7 @@ from sapopt.data.files import write_text
 from sapopt.data.types import IntArray
 from sapopt.formulations.highs import Programme
 from sapopt.formulations.limited.building import path_graph
+from sapopt.formulations.limited.disturbed import untangled
 from sapopt.formulations.limited.graph import PathGraph
 from sapopt.formulations.limited.programme import LimitedProgramme, limited_programme
 from sapopt.formulations.limited.useful import switching_rule
@@ -57,7 +58,7 @@ def named_programme(problem: SAP) -> NamedProgramme:
     ValueError
         If the dynamics is not agent-local, or the programme would be too large.
     """
-    core = problem.core
+    core = untangled(problem.core, exact=True)
     reason = not_local(core)
     if reason:
         raise ValueError(f"dynamics: {reason}")

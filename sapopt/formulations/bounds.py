@@ -102,6 +102,7 @@ def dual_bound(problem: SAP, run: Run, prices: FloatArray | None, device: str) -
     from sapopt.dynamics.switching.torch_paths import path_oracle
     from sapopt.formulations.dual import ascend
 
+    hidden = cancellation(problem)  # first, for it may take long
     oracle = path_oracle(problem.model, problem.benefits, problem.initial_state(), device)
 
     def tell(iteration: int, value: float, _: FloatArray) -> bool:
@@ -110,6 +111,4 @@ def dual_bound(problem: SAP, run: Run, prices: FloatArray | None, device: str) -
 
     limit = None if run.time_limit is None else max(run.seconds_left, 0.0)
     found = ascend(oracle, prices, time_limit=limit, callback=tell)
-    return Bound(
-        float(found.bound) + cancellation(problem), found.prices, "Lagrangian dual of the task capacities"
-    )
+    return Bound(float(found.bound) + hidden, found.prices, "Lagrangian dual of the task capacities")

@@ -265,7 +265,8 @@ class SAP:
                 value, held.sum(axis=1), eta.sum(axis=1), handovers,
                 paid_handovers=int((eta < 0).sum()), switches=self._switches(tasks, held),
             )  # fmt: skip
-            return self._within_limits(score, self.placed(tasks)) if self.limits else score
+            has_rows = bool(self.rows.count or len(self.rows.team_cell))
+            return self._within_limits(score, self.placed(tasks)) if has_rows else score
         except OverflowError:
             raise ValueError("benefits and handovers are so large that their sum overflows") from None
 

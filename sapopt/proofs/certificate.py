@@ -27,7 +27,7 @@ from sapopt.problem.sap import SAP
 from sapopt.proofs.guarantees import guarantee
 from sapopt.proofs.plain import check_local_model, handover_weight, plain_bound, plain_value
 from sapopt.proofs.plain_guarantee import plain_guarantee
-from sapopt.proofs.plain_limits import limited_bound, limited_value, limited_weight
+from sapopt.proofs.plain_limits import limited_bound, limited_value, limited_weight, price_count
 from sapopt.proofs.promises import Guarantee
 
 _FORMAT = "sapopt-certificate-1"
@@ -63,7 +63,8 @@ class Bound:
         How it was proven.
     limit_prices : ndarray, shape (rows,), or None
         Multipliers of the limits, one for each row of ``problem.rows``: positive for ``at_most``, negative for
-        ``at_least``. What one unit more of the limit is worth at most, nearly.
+        ``at_least``. What one unit more of the limit is worth at most, nearly. Where tasks disturb each other, T more
+        for every pair.
     team_prices : ndarray, shape (teams,), or None
         What a team pays each of its helpers, for every team and step.
     """
@@ -210,12 +211,12 @@ def prove(
         If the plan is not feasible, the prices prove nothing, or the dynamics is user-defined and has no
         ``fingerprint``.
     """
-    count, teams = problem.rows.count, len(problem.rows.team_cell)
+    count, teams = price_count(problem), len(problem.rows.team_cell)
     y = np.zeros(count) if limit_prices is None else limit_prices
     more = (y, np.zeros(teams) if team_prices is None else team_prices)
     proven = _proven(problem, plan, prices, solver, guarantee, more)
     spare = _SPARE * (
-        handover_weight(problem, proven.plan, proven.prices) if problem.is_plain
+        handover_weight(problem, proven.plan, proven.prices) if _is_plain(problem)
         else limited_weight(problem, proven.plan)
     )  # fmt: skip
     return replace(
@@ -223,6 +224,11 @@ def prove(
         value=proven.value if spare == 0 else math.nextafter(proven.value - spare, -math.inf),
         bound=proven.bound if spare == 0 else math.nextafter(proven.bound + spare, math.inf),
     )
+
+
+def _is_plain(problem: SAP) -> bool:
+    """Whether task prices are all there is."""
+    return problem.is_plain and problem.model.disturbed() is None
 
 
 def _proven(
@@ -235,7 +241,7 @@ def _proven(
 ) -> Certificate:
     """What plan, prices and the prices of limits and teams prove on this machine, and what `promise` promises."""
     try:
-        if problem.is_plain:
+        if _is_plain(problem):
             value = plain_value(problem, plan)
             bound = plain_bound(problem, prices)
         else:
@@ -286,7 +292,7 @@ def verify(certificate: Certificate | str | Path, problem: SAP) -> Certificate:
     else:
         sizes: dict[str, tuple[int, ...]] = {
             "plan": (problem.T, problem.n), "prices": (problem.T, problem.model.price_columns(problem.n, problem.m)),
-            "limit_prices": (problem.rows.count,), "team_prices": (len(problem.rows.team_cell),),
+            "limit_prices": (price_count(problem),), "team_prices": (len(problem.rows.team_cell),),
         }  # fmt: skip
         claim = Certificate._read(
             certificate, {name: replace(entry, shape=sizes[name]) for name, entry in _ENTRIES.items()}

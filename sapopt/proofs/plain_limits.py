@@ -186,6 +186,13 @@ def _earned(problem: SAP, team: Team, tasks: IntArray) -> list[float]:
     return [team.reward for k in steps if int((tasks[k] == task).sum()) >= team.needs]
 
 
+def price_count(problem: SAP) -> int:
+    """Multipliers beside those of tasks and teams: one for each row of the limits, then one for each disturbing pair of
+    tasks and step."""
+    disturbed = problem.model.disturbed()
+    return problem.rows.count + (0 if disturbed is None else len(disturbed.pairs) * problem.T)
+
+
 def limited_weight(problem: SAP, plan: IntArray) -> float:
     """The sizes of all handovers behind value and bound, added up; 0 for the plain switching rule, which is exact."""
     core = problem.core
@@ -193,7 +200,8 @@ def limited_weight(problem: SAP, plan: IntArray) -> float:
     if model.switching() is not None:
         return 0.0
     terms = np.array(_terms(problem, plan)).reshape(problem.T, 2, problem.n)
-    return float(np.abs(terms[:, 1]).sum()) + problem.n * _local_values(core, *_nothing(core))[1]
+    own = float(np.abs(terms[:, 1]).sum())
+    return own if model.disturbed() is not None else own + problem.n * _local_values(core, *_nothing(core))[1]
 
 
 def _nothing(core: SAP) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
@@ -211,7 +219,8 @@ def limited_bound(problem: SAP, prices: Any, limit_prices: Any, team_prices: Any
     prices : array_like, shape (T, m)
         Of the tasks; finite, not negative.
     limit_prices : array_like, shape (rows,)
-        Positive for ``at_most``, negative for ``at_least``; at most the penalty of a soft limit.
+        Positive for ``at_most``, negative for ``at_least``; at most the penalty of a soft limit. Where tasks disturb
+        each other, T more for every pair, each from 0 to the loss, and 0 where one of the two takes several agents.
     team_prices : array_like, shape (teams,)
         Finite, not negative; one for each team and step, in order.
 
@@ -225,7 +234,7 @@ def limited_bound(problem: SAP, prices: Any, limit_prices: Any, team_prices: Any
         _checked(values, name, shape, allow_negative)
         for values, name, shape, allow_negative in (
             (prices, "prices", (T, m), False),
-            (limit_prices, "limit_prices", (problem.rows.count,), True),
+            (limit_prices, "limit_prices", (price_count(problem),), True),
             (team_prices, "team_prices", (len(problem.rows.team_cell),), False),
         )
     )
@@ -264,6 +273,23 @@ def limited_bound(problem: SAP, prices: Any, limit_prices: Any, team_prices: Any
             for part, weight in ((pair, weights.pair), (taken, weights.taken), (stayed, weights.stayed)):
                 part[:, :, :m][weights.where] += price * weight
                 size[:, :, :m][weights.where] += abs(price) * np.abs(weight)
+    disturbed = core.model.disturbed()
+    if disturbed is not None:
+        for k in range(T):
+            serves = dense_step(core.benefits.step(k)) > 0
+            for number, ((a, b), loss) in enumerate(zip(disturbed.pairs, disturbed.loss, strict=True)):
+                price = float(y[row + number * T + k])
+                if price == 0.0:
+                    continue
+                if not 0.0 < price <= loss or max(room[k, a], room[k, b]) > 1:
+                    raise ValueError(
+                        f"limit_prices: {price!r} is no price of tasks {a} and {b}, which lose {loss!r} where both "
+                        "are served"
+                    )
+                fixed.append(price)  # both are served where the agents on them are more than 1
+                for j in (a, b):
+                    pair[k, :, j] += price * serves[:, j]
+                    size[k, :, j] += price * serves[:, j]
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
         values, charges = _local_values(core, pair, taken, stayed, bool(taken.any() or stayed.any()))
         try:
@@ -299,7 +325,8 @@ def _local_values(
     `pair`, `taken` and `stayed` (T, n, m) are taken from the gains: always, on taking a task up, on staying. Where
     something is taken at all that way, the state of an agent is joined by the task it held before.
     """
-    model = core.model
+    disturbed = core.model.disturbed()
+    model = core.model if disturbed is None else disturbed.alone
     states = model.local_model(core.benefits, core.initial_state()) if model.is_agent_local else None
     if states is None:
         raise ValueError(f"dynamics: {model.called} has no local_model, so prices prove nothing")

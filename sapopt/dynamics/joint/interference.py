@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from sapopt.data.benefits import Benefits
 from sapopt.data.types import FloatArray, IntArray, index_array, real_array
-from sapopt.dynamics.base import AgentColumns, Model, Setting
+from sapopt.dynamics.base import AgentColumns, Disturbed, Model, Setting
 from sapopt.dynamics.switching.model import Held, SwitchingCost
 
 if TYPE_CHECKING:
@@ -45,11 +45,11 @@ class Interference(Model):
 
     Notes
     -----
-    Who knows of the interference: `SAP.evaluate`, ``Exact(method="dp")`` and `IteratedAssignment`. HAA, HAAL, Greedy
-    and the distributed methods assign by beta_hat, which cannot hold it: their plans are valid and truly scored, and
-    made blind, though HAAL knows of it where it compares its sequences by playing them. Methods with task prices
-    refuse, for the agents' paths are not independent. `bound` leaves the losses out, which is valid since they only
-    lower the value.
+    Who knows of the interference: `SAP.evaluate`, `bound`, certificates, `Exact` (network and dp), `DualDecomposition`
+    and `IteratedAssignment`. HAA, HAAL, Greedy and the distributed methods assign by beta_hat, which cannot hold it:
+    their plans are valid and truly scored, and made blind, though HAAL knows of it where it compares its sequences by
+    playing them. `DualLookahead` refuses. For prices every pair and step is a limit whose penalty is the loss
+    (`sapopt.formulations.limited.disturbed`).
     """
 
     handover_limit = 0.0
@@ -156,6 +156,10 @@ class Interference(Model):
     def serves(self, k: int, state: Held, assignment: IntArray) -> np.ndarray:
         """Whether every agent serves the task it holds at step k, shape ``(n,)``."""
         return np.asarray(self._useful(k)[np.arange(len(assignment)), assignment])
+
+    def disturbed(self) -> Disturbed:
+        """The pairs, their losses, and the switching cost."""
+        return Disturbed(self.pairs, self.loss, self._switching)
 
     @cached_property
     def _switching(self) -> SwitchingCost:

@@ -48,6 +48,7 @@ class AtMostInARow(AgentLocal):
     cost: float = 0.0
     worked: IntArray | None = None
     agents_alike = True
+    handover_limit = 0.0
 
     def __post_init__(self) -> None:
         if isinstance(self.most, bool) or int(self.most) != self.most or self.most < 1:

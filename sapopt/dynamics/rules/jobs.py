@@ -46,6 +46,7 @@ class Jobs(AgentLocal):
 
     length: IntArray
     cost: float = 0.0
+    handover_limit = 0.0
 
     def __post_init__(self) -> None:
         length = index_array(self.length, "length")

@@ -43,6 +43,7 @@ class SlewCost(AgentLocal):
     cost: float
     satellites_km: FloatArray
     targets_km: FloatArray
+    handover_limit = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cost", checked_cost(self.cost))

@@ -9,6 +9,7 @@ from sapopt.data.types import FloatArray
 from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.building import path_graph
+from sapopt.formulations.limited.disturbed import untangled
 from sapopt.formulations.limited.dual import Prices
 from sapopt.kernels import clock
 from sapopt.problem.sap import SAP
@@ -17,7 +18,7 @@ from sapopt.running.control import Run
 
 
 def limited_bound(problem: SAP, run: Run, prices: FloatArray | None) -> Bound:
-    """Minimise the Lagrangian dual of capacities, limits and teams.
+    """Minimise the Lagrangian dual of capacities, limits, teams, and tasks that disturb each other.
 
     Raises
     ------
@@ -26,7 +27,8 @@ def limited_bound(problem: SAP, run: Run, prices: FloatArray | None) -> Bound:
     InfeasibleError
         If an agent has no way through at all.
     """
-    core = problem.core
+    core = untangled(problem.core)
+    hidden = cancellation(core)  # first, for it may take long
     graph = path_graph(core, tight=False)  # as whoever verifies the prices has it
 
     def tell(iteration: int, value: float) -> bool:
@@ -45,7 +47,7 @@ def limited_bound(problem: SAP, run: Run, prices: FloatArray | None) -> Bound:
     if not np.isfinite(found.bound):
         raise InfeasibleError("an agent has no way through the horizon; allow more pairs or pass idle=True")
     return Bound(
-        found.bound + cancellation(core),
+        found.bound + hidden,
         found.prices.tasks[:, : problem.m],
         "Lagrangian dual of capacities, limits and teams",
         found.prices.limits,

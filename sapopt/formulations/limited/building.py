@@ -259,9 +259,13 @@ def _state_graph(problem: SAP, state: Any) -> PathGraph:
     return _graph(problem, np.array(stops), arcs, np.concatenate(last))
 
 
+class TooLargeError(ValueError):
+    """The agents' paths have too many arcs for a graph in memory."""
+
+
 def _check_size(arcs: int) -> None:
     if arcs > _MOST_ARCS:
-        raise ValueError(
+        raise TooLargeError(
             f"the agents' paths have more than {_MOST_ARCS:,} arcs, too many for a problem with capacities, idleness "
             "or limits; policies such as HAAL plan it step by step"
         )

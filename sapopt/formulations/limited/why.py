@@ -14,6 +14,7 @@ from sapopt.data.types import IntArray
 from sapopt.formulations.bounds import cancellation
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.building import path_graph
+from sapopt.formulations.limited.disturbed import untangled
 from sapopt.formulations.limited.dual import Prices, dual_value, rounding
 from sapopt.kernels import clock
 from sapopt.problem.limit import chosen
@@ -126,7 +127,7 @@ def explanations(
     """
     plan = problem.check_plan(result.plan)
     value = problem.evaluate(plan).value
-    core = problem.core
+    core = untangled(problem.core, exact=True)
     if core.capacity is None:
         core = copy.copy(core)
         core.core, core.capacity = core, np.ones((core.T, core.m), dtype=np.int64)

@@ -17,6 +17,7 @@ from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching.torch_paths import KERNELS, path_oracle, torch_device
 from sapopt.formulations.bounds import largest_benefits
 from sapopt.formulations.dual import DualResult, ascend
+from sapopt.formulations.limited.disturbed import needs_limits
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
@@ -123,7 +124,7 @@ class DualDecomposition:
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
-        if not problem.is_plain:
+        if needs_limits(problem):
             return plan_limited(problem, run, self.tolerance, self.name)
         search = self._begin(problem, run)
         status = Status.FEASIBLE
@@ -147,6 +148,9 @@ class DualDecomposition:
 
         With `rare` that includes what a run turns to only where windows and sweeps no longer pay.
         """
+        if needs_limits(problem):
+            plan_limited(problem, run, self.tolerance, self.name)
+            return
         once = replace(self, sweeps=1, rounds=1, iterations=min(self.iterations, _EXERCISE))
         search = once._begin(problem, run)
         search.portfolio.always = rare

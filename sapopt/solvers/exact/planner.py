@@ -12,6 +12,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations import milp, network, qap
 from sapopt.formulations.highs import Ending, SolverError, maximise
+from sapopt.formulations.limited.disturbed import needs_limits
 from sapopt.formulations.reduction import Formulation
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
@@ -97,7 +98,7 @@ class Exact:
 
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Solve the problem."""
-        if not problem.is_plain:
+        if not problem.is_plain or (self.method == "network" and needs_limits(problem)):
             return plan_limited(problem, run, self.tolerance, self.name)
         reason = self.refusal(problem)
         if reason:

@@ -7,6 +7,7 @@ of small loss find plans; when the loss allowed has reached the gap, the plan is
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from sapopt.formulations.highs import Ending, SolverError, maximise
 from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.building import path_graph, tightened
 from sapopt.formulations.limited.conflict import explain
+from sapopt.formulations.limited.disturbed import untangled
 from sapopt.formulations.limited.dual import LimitedDual
 from sapopt.formulations.limited.graph import PathGraph
 from sapopt.formulations.limited.programme import limited_programme
@@ -26,13 +28,17 @@ from sapopt.kernels import clock
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
+from sapopt.running.outlook import rollout
 from sapopt.solvers.base import Outcome, gap_unit
+from sapopt.solvers.iterated import IteratedAssignment
 from sapopt.solvers.limited.dive import dive
 from sapopt.solvers.limited.neighbourhoods import improved, worth
 from sapopt.solvers.limited.rolling import rolling_plan
 
 _DUAL_SHARE = 0.35
 """Share of the time that the first ascents may take."""
+_REACTION_SHARE = 0.1
+"""Share of the time for a first plan of a problem in which tasks disturb each other."""
 _FIRST_LOSS = 0.05
 """Loss of the arcs of the first programme, relative to the typical gain; each further one takes four times as much."""
 _SMALL = 3000
@@ -46,7 +52,11 @@ _DIVE_LOSS = 0.5
 _DIVE_SHARE = 0.4
 """Share of the time left that a dive may take."""
 _PART_SHARE = 0.7
-"""Share of the time left for improving the plan part by part."""
+"""Share of the time left for improving the plan part by part,"""
+_WHOLE_SHARE, _WHOLE_ARCS = 0.2, 100_000
+"""and the share where there are so few arcs that a programme of all of them may well be solved."""
+_NEARLY_ALL = 0.5
+"""Share of the arcs that can matter from which on a programme may as well have all of them, and prove what it finds."""
 _EXACT = {"mip_feasibility_tolerance": 1e-9, "primal_feasibility_tolerance": 1e-9}
 """By how much a point may miss its rows: what HiGHS gains by the usual 1e-6 of a soft limit is above the gap."""
 _PROGRAMME_SHARE = 0.5
@@ -121,9 +131,12 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     SolverError
         If time ended before any plan was found.
     """
+    given, problem = problem, untangled(problem, exact=True)
     whole = path_graph(problem, tight=False)
     graph = tightened(whole)
     search = _Search(problem, run, name, tolerance)
+    if given is not problem:
+        _react(search, given)
     if run.start is not None:
         search.offer(run.start, "start")
         search.offer(tidied(problem, run.start), "start")
@@ -149,6 +162,14 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     return _outcome(search, proven)
 
 
+def _react(search: _Search, problem: SAP) -> None:
+    """A plan in which the agents react to each other's losses, step by step."""
+    part = search.run.part(_REACTION_SHARE * search.run.seconds_left)
+    with contextlib.suppress(ValueError):  # limits that nobody can promise to keep who decides step by step
+        search.offer(rollout(problem, IteratedAssignment(), part).plan, "start")
+    search.run.stopped = search.run.stopped or part.stopped
+
+
 def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
     """A plan by prices, step by step, and better ones from it, part by part."""
     run, rows = search.run, search.problem.rows
@@ -169,8 +190,9 @@ def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
 def _by_parts(search: _Search, graph: PathGraph, plan: IntArray, loss: FloatArray, elastic: float) -> None:
     """Better plans from a plan, part by part."""
     run = search.run
+    share = _WHOLE_SHARE if _SMALL < graph.arcs <= _WHOLE_ARCS else _PART_SHARE
     graph, loss = _promising(graph, plan, loss)
-    part = run.part(_PART_SHARE * run.seconds_left)
+    part = run.part(share * run.seconds_left)
     for found in improved(graph, plan, loss, elastic, part, run.rng):
         search.offer(found, "parts")
         search.report(search.value, search.bound)
@@ -196,6 +218,8 @@ def _programmes(search: _Search, graph: PathGraph, full: PathGraph, dual: Limite
     used = None if search.best is None else graph.follow(search.best)
     while not search.is_proven and not run.expired:
         gap = dual.bound - search.value
+        if (loss <= allowed).sum() >= _NEARLY_ALL * (loss <= gap).sum():
+            allowed = max(allowed, gap)
         whole = allowed >= gap or bool((loss[np.isfinite(loss)] <= allowed).all())
         keep = loss <= (gap if allowed >= gap else allowed)
         if used is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import FORMS, arrays, as_form, plans_of, quarters, sizes, sparse_quarters
 
-from sapopt import SAP, SwitchingCost, bound, solve
+from sapopt import SAP, CertificateError, Limit, Status, SwitchingCost, bound, certify, solve, verify, why_not
 from sapopt.dynamics import Interference
 from sapopt.proofs.plain import plain_value
 from sapopt.solvers import (
@@ -124,6 +124,71 @@ def test_exact_and_heuristics(case: Case) -> None:
     assert bound(problem).value >= best - 1e-9
 
 
+@settings(max_examples=12)
+@given(cases(plans=2000))
+def test_prices_know_the_losses(case: Case) -> None:
+    """Bound and certificate are not below the best of all plans; the planners find it, and prove it."""
+    problem, best = case.problem("sparse"), case.best()
+    proven = bound(problem)
+    assert proven.value >= best - 1e-11
+    for solver in (Exact(), DualDecomposition()):
+        result = solve(problem, solver)
+        assert result.value == pytest.approx(case.score(result.plan))
+        assert result.value >= best - 1e-4 * max(1.0, abs(best))
+        assert result.bound is not None
+        assert result.bound >= best - 1e-9
+        certificate = verify(certify(problem, result), problem)
+        assert certificate.value <= best + 1e-11
+        assert certificate.bound >= best - 1e-11
+    assert solve(problem, Exact()).status is Status.OPTIMAL
+
+
+def test_a_bound_with_losses_is_lower() -> None:
+    """Two neighbours that lose more than the second one earns: the bound is the optimum, and not the sum of both."""
+    problem = SAP([[[2.0, 0.0], [0.0, 2.0]]] * 3, Interference([[0, 1]], 1.5))
+    assert bound(problem).value == pytest.approx(7.5, abs=1e-6)
+    certificate = certify(problem, solve(problem, Exact()))
+    assert certificate.gap < 1e-6
+    dear = replace(certificate, limit_prices=certificate.limit_prices + 2.0)
+    with pytest.raises(CertificateError, match="is no price of tasks 0 and 1"):
+        verify(dear, problem)
+    with pytest.raises(CertificateError, match="prove a bound"):
+        verify(replace(certificate, bound=certificate.bound - 1e-3), problem)
+
+
+def test_losses_beside_capacities_and_limits(tmp_path: Path) -> None:
+    """Where a task of a pair takes several agents the bound holds, and planners refuse; limits are kept as well."""
+    rng = np.random.default_rng(0)
+    for seed in range(4):
+        benefits = np.round(rng.random((2, 2, 3)), 2)
+        rule = Interference([[0, 1], [1, 2]], [0.4, 0.7], 0.1)
+        crowded = SAP(benefits, rule, capacity=2, idle=True)
+        rows = list(product(range(-1, 3), repeat=2))
+        best = max(crowded.evaluate(np.array(plan)).value for plan in product(rows, rows))
+        assert bound(crowded).value >= best - 1e-11
+        with pytest.raises(ValueError, match="takes one agent"):
+            solve(crowded, Exact())
+        limited = SAP(benefits, rule, idle=True, limits=[Limit.once(), Limit.handovers(2)])
+        value = -np.inf
+        for plan in product([row for row in rows if row[0] != row[1] or row[0] < 0], repeat=2):
+            try:
+                value = max(value, limited.evaluate(np.array(plan)).value)
+            except ValueError:
+                continue
+        result = solve(limited, Exact())
+        assert result.value == pytest.approx(value, abs=1e-6)
+        certify(limited, result).save(tmp_path / f"{seed}.npz")
+        assert verify(tmp_path / f"{seed}.npz", limited).bound >= value - 1e-11
+
+
+def test_what_stands_in_the_way() -> None:
+    """`why_not` names the two tasks that disturb each other."""
+    problem = SAP([[[2.0, 0.0, 0.5], [0.0, 1.0, 0.6]]], Interference([[0, 1]], 0.7), tasks=["x", "y", "z"])
+    told = why_not(problem, solve(problem, Exact()), 1, "y", 0)
+    assert told.bound == pytest.approx(2.3, abs=1e-4)
+    assert "'x' beside task 'y'" in str(told)
+
+
 @given(cases())
 def test_marginal_is_the_change_of_one_agent(case: Case) -> None:
     """With the others fixed, moving one agent changes the interaction by the difference of its marginals."""
@@ -168,10 +233,10 @@ def test_without_pairs_it_is_switching_cost() -> None:
     assert plain.evaluate(result.plan).value == pytest.approx(result.value)
 
 
-def test_methods_with_prices_refuse() -> None:
+def test_methods_that_know_no_losses_refuse() -> None:
     """They would treat the agents' paths as independent, which they are not."""
     problem = SAP(np.ones((2, 2, 3)), Interference([[0, 1]], 0.5))
-    for solver in (DualLookahead(2), DualDecomposition(), Exact(), Exact(method="milp"), Exact(method="qap")):
+    for solver in (DualLookahead(2), Exact(method="milp"), Exact(method="qap")):
         with pytest.raises(ValueError, match=r"Interference|SwitchingCost"):
             solve(problem, solver)
     with pytest.raises(ValueError, match="has no interaction"):
