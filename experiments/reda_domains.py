@@ -1,4 +1,4 @@
-"""REDA on ride-hailing, attitude and unit commitment (Holder 2024, 7.1): that it trains there, and what it reaches.
+"""REDA beyond satellites' handovers (Holder 2024, 7.1, 7.2): that it trains there, and what it reaches.
 
     python -m experiments.reda_domains [--seeds 1] [--episodes 150] [--domains ride-hailing,...] [--quick] [--out DIR]
 
@@ -26,6 +26,7 @@ DOMAINS: dict[str, dict[str, Any]] = {
     "ride-hailing": {"drivers": 12, "requests": 90, "steps": 30, "width": 6},
     "attitude": {"steps": 30, "tasks": 40, "planes": 4, "per_plane": 6, "altitude_km": 1200.0},
     "unit-commitment": {"units": 8, "steps": 24, "shut_down": 0.25},
+    "interference": {"steps": 30, "tasks": 60, "planes": 6, "per_plane": 8},
 }
 
 

@@ -177,6 +177,7 @@ def imaging_day(
         np.concatenate([wanted.latitude_deg, ground.latitude_deg[:stations]]),
         np.concatenate([wanted.longitude_deg, ground.longitude_deg[:stations]]),
         np.concatenate([wanted.priority, np.full(stations, _CONTACT)]),
+        scattered=True,
     )
     names = [f"train {i // half} satellite {i % half}" for i in range(satellites)]
     base = constellation(ring[:, aboard], tasks, 60.0, satellite_names=names)

@@ -116,7 +116,7 @@ def multi_beam_us(
 
     regions = us_regions(resolution)
     priority = np.random.default_rng(seed).uniform(1.0, 2.0, len(regions))
-    places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, priority)
+    places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, priority, scattered=True)
     every = c.walker_constellation(
         c.WalkerShell(planes, per_plane, inclination_deg, altitude_km), places, steps, earth="still"
     )

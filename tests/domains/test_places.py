@@ -164,6 +164,9 @@ def test_what_is_never_seen_is_told(caplog: pytest.LogCaptureFixture) -> None:
     assert second.endswith("never seen: 1, such as 'pole' (89.0, 0.0 degrees)")
     assert repr(lost) == "Constellation(T=93, n=24, m=5, step_s=60)"
     caplog.clear()
+    scattered = walker_constellation(shell, random_tasks(30, 0, max_latitude_deg=90.0).with_idle_tasks(3), 93)
+    assert "never seen" in str(scattered)
+    assert caplog.text == ""
     every = walker_constellation(shell, GroundTasks(np.zeros(1), np.zeros(1), np.ones(1)), 93)
     assert caplog.text == ""
     assert str(every).endswith("every task is seen at some step")

@@ -245,10 +245,11 @@ def _unseen(tasks: GroundTasks, benefits: Benefits) -> IntArray:
 
 
 def _tell_unseen(tasks: GroundTasks, benefits: Benefits) -> None:
-    """Warn of tasks that are never seen: they are often mistakes in places or times."""
+    """Warn of tasks that are never seen: they are often mistakes in places or times that somebody gave."""
     unseen = _unseen(tasks, benefits)
     if len(unseen):
-        logger.warning(
+        logger.log(
+            logging.INFO if tasks.scattered else logging.WARNING,
             "no satellite ever sees %d of %d tasks%s, such as %s", len(unseen), int((tasks.priority > 0).sum()),
             " within their windows" if tasks.windows else "", tasks.called(int(unseen[0])),
         )  # fmt: skip

@@ -28,6 +28,9 @@ class GroundTasks:
     windows : tuple of pairs of datetime or None
         From when until when each task is wanted; None leaves that end open, and no windows at all mean always. Times
         without a zone are UTC. A constellation with such tasks needs a date.
+    scattered : bool
+        Whether the places were drawn at random or spread over the Earth: then one that no satellite ever sees is no
+        mistake, and constellations do not warn of it.
     """
 
     latitude_deg: FloatArray
@@ -35,6 +38,7 @@ class GroundTasks:
     priority: FloatArray
     names: tuple[str, ...] = ()
     windows: tuple[Window, ...] = ()
+    scattered: bool = False
 
     def __post_init__(self) -> None:
         for name in ("latitude_deg", "longitude_deg", "priority"):
@@ -145,6 +149,7 @@ class GroundTasks:
             np.concatenate([self.priority, zeros]),
             (*self.names, *(f"idle {i}" for i in range(count))) if self.names else (),
             (*self.windows, *((None, None) for _ in range(count))) if self.windows else (),
+            self.scattered,
         )
 
 
@@ -195,7 +200,7 @@ def random_tasks(
     else:
         raise ValueError(f"uniform_in must be 'latitude' or 'area', got {uniform_in!r}")
     longitude = rng.uniform(-180.0, 180.0, m)
-    return GroundTasks(latitude, longitude, _draw_priorities(m, rng, priorities))
+    return GroundTasks(latitude, longitude, _draw_priorities(m, rng, priorities), scattered=True)
 
 
 def even_tasks(
@@ -240,7 +245,7 @@ def even_tasks(
         longitudes.append(-180.0 + 360.0 * np.arange(fit) / fit)
     latitude = np.concatenate(latitudes)
     priority = _draw_priorities(len(latitude), np.random.default_rng(seed), priorities)
-    return GroundTasks(latitude, np.concatenate(longitudes), priority)
+    return GroundTasks(latitude, np.concatenate(longitudes), priority, scattered=True)
 
 
 def ring_tasks(
@@ -286,7 +291,7 @@ def ring_tasks(
     fit[np.argsort(fit - share, kind="stable")[: m - fit.sum()]] += 1
     longitude = np.concatenate([-180.0 + 360.0 * np.arange(count) / count for count in fit])
     priority = _draw_priorities(int(m), np.random.default_rng(seed), priorities)
-    return GroundTasks(np.repeat(latitudes, fit), longitude, priority)
+    return GroundTasks(np.repeat(latitudes, fit), longitude, priority, scattered=True)
 
 
 def _draw_priorities(m: int, rng: np.random.Generator, priorities: Any) -> FloatArray:

@@ -203,7 +203,7 @@ def tracking(
     from sapopt.domains import constellation as c
 
     regions = us_regions(resolution)
-    places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, np.ones(len(regions)))
+    places = c.GroundTasks(regions.latitude_deg, regions.longitude_deg, np.ones(len(regions)), scattered=True)
     shell = shell or c.WalkerShell(40, 25, inclination_deg=58.0, altitude_km=550.0)
     satellites = c.walker_constellation(shell, places, steps, earth="still").only_seeing()
     objects = moving_objects(regions, steps, seed, arrivals_per_step=arrivals_per_step, along_grid=along_grid)
