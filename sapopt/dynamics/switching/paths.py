@@ -269,20 +269,16 @@ class StrictSwitching(_Switching):
     def _spread(self, smoothing: Smoothing, waiting: SoftWaiting, mass: FloatArray) -> FloatArray:
         """Usage (T, m) of the agents that wait, from their numbers by interval."""
         T, m = smoothing.weight.shape
-        counts = mass > 1e-6
-        last = np.where(counts.any(axis=1), T - np.argmax(counts[:, ::-1], axis=1), 0)
         usage = np.empty((T, m))
         if waiting.linear:
-            ratio = smoothing.weight / waiting.best[:, None]
-            ratio[:, self.excluded] = 0.0
-            crowd = np.divide(mass, waiting.table, out=np.zeros_like(mass), where=counts)
             in_blocks(
-                soft.spread_waiting, m, ratio, crowd, last, usage,
-                scratch=lambda: (work_array((T, m)), work_array(m)), turns=0.3 * T * T * m,
+                soft.spread_waiting, m, smoothing.weight, waiting, self.excluded, mass, usage,
+                scratch=lambda: (work_array((T, m)), work_array((T, m)), work_array(m), work_array(T + 1)),
+                turns=0.3 * T * T * m,
             )  # fmt: skip
         else:
             in_blocks(
-                soft.spread_waiting_logs, m, smoothing, self.excluded, waiting.table, mass, last, usage,
+                soft.spread_waiting_logs, m, smoothing, self.excluded, waiting.table, mass, usage,
                 scratch=lambda: (work_array(T + 1),), turns=2.0 * T * T * m,
             )  # fmt: skip
         return usage

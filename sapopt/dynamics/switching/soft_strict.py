@@ -38,6 +38,9 @@ LEAST = 1e-140
 # What is set to zero in time, before it becomes a number that processors are slow with.
 _NOTHING = 1e-200
 
+_NOBODY = 1e-6
+"""Expected number of waiting agents that is not worth spreading over the tasks."""
+
 
 class SoftWaiting(NamedTuple):
     """What waiting weighs, the same for all agents.
@@ -119,35 +122,47 @@ def soft_waiting_logs(begin, end, weight, excluded, table, held):
 
 
 @njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
-def spread_waiting(begin, end, ratio, crowd, last, usage, product, onward):
+def spread_waiting(begin, end, weight, waiting, excluded, mass, usage, ratio, product, onward, crowd):
     """Fill the columns of a block of tasks of `usage` (T, m): who waits, spread over the tasks by their weight.
 
     Of the agents that wait over the steps a .. b - 1, task j gets the share ``ratio_a[j] ... ratio_{b-1}[j] / table``.
     Those that began at a and are on task j at step k are, by one recursion forward and one backward,
 
         product_k[j] = product_{k-1}[j] ratio_k[j]
-        onward_k[j]  = crowd[a, k + 1] + ratio_{k+1}[j] onward_{k+1}[j]
+        onward_k[j]  = crowd[k + 1] + ratio_{k+1}[j] onward_{k+1}[j]
         usage_k[j]  += product_k[j] onward_k[j]
 
     Parameters
     ----------
+    weight : (T, m) float64
+    waiting : SoftWaiting
+        With weights, not with logarithms.
+    excluded : (m,) bool
+    mass : (T, T + 1) float64
+        Expected number of agents that wait over the steps a .. b - 1, at [a, b]; next to nobody is left out.
     ratio : (T, m) float64
-        Weights of the tasks that may be waited on, each divided by the best of its step; 0 for the others.
-    crowd : (T, T + 1) float64
-        Expected number of agents that wait over the steps a .. b - 1, divided by `SoftWaiting.table`, at [a, b].
-    last : (T,) int64
-        Largest b whose number counts, for every a; 0 if there is none.
+        Scratch: weights of the tasks that may be waited on, each divided by the best of its step; 0 for the others.
     product, onward : (T, m) and (m,) float64
         Scratch.
+    crowd : (T + 1,) float64
+        Scratch: the numbers of one a, divided by the table.
     """
-    T = ratio.shape[0]
+    T = weight.shape[0]
     for k in range(T):
+        best = waiting.best[k]
         for j in range(begin, end):
             usage[k, j] = 0.0
+            ratio[k, j] = 0.0 if excluded[j] else weight[k, j] / best
     for a in range(T):
+        last = a
+        for b in range(a + 1, T + 1):
+            crowd[b] = 0.0
+            if mass[a, b] > _NOBODY:
+                crowd[b] = mass[a, b] / waiting.table[a, b]
+                last = b
         for j in range(begin, end):
             onward[j] = 1.0
-        for k in range(a, last[a]):
+        for k in range(a, last):
             for j in range(begin, end):
                 v = onward[j] * ratio[k, j]
                 v = v if v > _NOTHING else 0.0
@@ -155,8 +170,8 @@ def spread_waiting(begin, end, ratio, crowd, last, usage, product, onward):
                 product[k, j] = v
         for j in range(begin, end):
             onward[j] = 0.0
-        for k in range(last[a] - 1, a - 1, -1):
-            leaving = crowd[a, k + 1]
+        for k in range(last - 1, a - 1, -1):
+            leaving = crowd[k + 1]
             for j in range(begin, end):
                 onward[j] += leaving
                 usage[k, j] += product[k, j] * onward[j]
@@ -164,7 +179,7 @@ def spread_waiting(begin, end, ratio, crowd, last, usage, product, onward):
 
 
 @njit(cache=True, borrows=True, nogil=True, fastmath=_FAST)
-def spread_waiting_logs(begin, end, smoothing, excluded, table, mass, last, usage, held):
+def spread_waiting_logs(begin, end, smoothing, excluded, table, mass, usage, held):
     """The same from logarithms of weights, with the expected numbers `mass` (T, T + 1) and scratch `held` (T + 1,)."""
     eps, prices = smoothing.temperature, smoothing.prices
     least = np.exp(_TINY)
@@ -176,16 +191,19 @@ def spread_waiting_logs(begin, end, smoothing, excluded, table, mass, last, usag
             continue
         for a in range(T):
             price = 0.0
-            for b in range(a + 1, last[a] + 1):
+            last = T
+            while last > a and not mass[a, last] > _NOBODY:
+                last -= 1
+            for b in range(a + 1, last + 1):
                 held[b] = 0.0
                 price += prices[b - 1, j]
-                if mass[a, b] > 1e-6:
+                if mass[a, b] > _NOBODY:
                     share = np.exp(-price / eps - table[a, b])
                     if share > least:
                         held[b] = share * mass[a, b]
             # Whoever leaves at b was there at every step since a.
             total = 0.0
-            for k in range(last[a] - 1, a - 1, -1):
+            for k in range(last - 1, a - 1, -1):
                 total += held[k + 1]
                 usage[k, j] += total
 

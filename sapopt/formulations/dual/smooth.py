@@ -11,6 +11,7 @@ do by alternating; where there is no spare task that decides everything.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
@@ -80,7 +81,10 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class SmoothState:
-    """Where a smooth descent stands: the `point` to evaluate next, the last step's `prices`, momentum, progress."""
+    """Where a smooth descent stands: the `point` to evaluate next, the last step's `prices`, momentum, progress.
+
+    `damping` is the oracle's, asked for once: whether it has any takes 25 us to find out, and a step may take 400.
+    """
 
     point: FloatArray
     prices: FloatArray
@@ -88,6 +92,7 @@ class SmoothState:
     rate: float
     value: float
     iteration: int
+    damping: float | None = None
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ class SmoothDescent:
     def relative(self, iteration: int) -> float:
         """Temperature of a step as a multiple of the scale."""
         done = min(1.0, iteration / max(1, self.iterations - 1))
-        return float(np.exp((1.0 - done) * np.log(self.hot) + done * np.log(self.cold)))
+        return math.exp((1.0 - done) * math.log(self.hot) + done * math.log(self.cold))
 
     def replanned(self, done: int, remaining: int) -> SmoothDescent:
         """The rest of the fall of temperature, from where it is after `done` steps, in another number of steps."""
@@ -172,16 +177,29 @@ class SmoothDescent:
         eps = self.temperature(oracle, state.iteration)
         values, usage = (cheaper or oracle).soft_paths(state.point, eps)
         value = float(values.sum() + state.point.sum())
-        if not np.isfinite(value) or value > state.value + 1e-9 * abs(state.value):
+        if not math.isfinite(value) or value > state.value + 1e-9 * abs(state.value):
             # The dual only falls as eps falls, so this went too far: by momentum, or else because the step is too long.
             rate = state.rate if state.momentum > 8.0 else 0.7 * state.rate
-            return SmoothState(state.prices, state.prices, 1.0, rate, np.inf, state.iteration + 1)
-        length = state.rate * eps * (oracle.damping if isinstance(oracle, DampedOracle) else 1.0)
-        new = np.maximum(state.point + length * np.log(np.maximum(usage, 1e-3)), 0.0)
-        uphill = float(np.sum((1.0 - usage) * (new - state.prices))) > 0.0
+            return SmoothState(
+                state.prices, state.prices, 1.0, rate, np.inf, state.iteration + 1, state.damping
+            )
+        damping = state.damping
+        if damping is None:
+            damping = oracle.damping if isinstance(oracle, DampedOracle) else 1.0
+        length = state.rate * eps * damping
+        # In place: with a few thousand prices, making the arrays in between takes as long as the arithmetic.
+        new = np.maximum(usage, 1e-3)
+        np.log(new, out=new)
+        new *= length
+        new += state.point
+        np.maximum(new, 0.0, out=new)
+        point = new - state.prices
+        slope = 1.0 - usage
+        slope *= point
+        uphill = float(slope.sum()) > 0.0
         before = 1.0 if uphill else state.momentum
-        after = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * before * before))
-        point = np.maximum(new + (before - 1.0) / after * (new - state.prices), 0.0)
-        return replace(
-            state, point=point, prices=new, momentum=after, value=value, iteration=state.iteration + 1
-        )
+        after = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * before * before))
+        point *= (before - 1.0) / after
+        point += new
+        np.maximum(point, 0.0, out=point)
+        return SmoothState(point, new, after, state.rate, value, state.iteration + 1, damping)
