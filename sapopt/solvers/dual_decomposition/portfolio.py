@@ -70,6 +70,11 @@ class Portfolio:
         return [way for way in made if way is not None]
 
     @property
+    def dives(self) -> Dives | None:
+        """The dives, if there are any."""
+        return next((way for way in self.others if isinstance(way, Dives)), None)
+
+    @property
     def awake(self) -> list[Dives | Exchanges]:
         """Those that may still have something to say."""
         return [way for way in self.others if way.quiet < _MOST_FAILURES]

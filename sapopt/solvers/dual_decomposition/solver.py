@@ -268,7 +268,11 @@ class _Search:
             yield from self.glance(_GLANCE_SHARE * limit)
         self.ascend(math.inf if limit is None else max(0.0, _DUAL_SHARE * limit - self.run.seconds))
         yield
-        yield from self.offered(self.builder.rolling(self))
+        dives = self.portfolio.dives
+        if dives is not None and dives.is_full:
+            yield from self.offered(dives.improve(self))
+        else:
+            yield from self.offered(self.builder.rolling(self))
         if self.builder.lives_on_prices:
             yield from self.rounds_of_prices()
             yield from self.offered(path_sweeps(self, self.builder))

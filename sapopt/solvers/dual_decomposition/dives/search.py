@@ -30,7 +30,7 @@ _WIDEST = 15
 _MOST_CELLS = 1_500_000
 """Most of them altogether; the best are kept."""
 
-_COLD, _HOT = 0.05, 0.15
+_COLD, _HOT = 0.03, 0.1
 """Temperatures, in typical benefits."""
 
 _COLDEST = 0.01
@@ -39,7 +39,7 @@ _COLDEST = 0.01
 _ROUNDS, _SHARE, _SURE = 10, 0.02, 0.98
 """Rounds of settling before a fixing, share that is fixed at least, and likelihood from which on a pair is fixed."""
 
-_LENGTHS = (6, 16)
+_LENGTHS = (5, 12)
 """Shortest and longest windows."""
 
 _COUNT = 12
@@ -87,6 +87,11 @@ class Dives:
         """For a problem whose rule allows for them, else None."""
         rule = pair_rule(problem)
         return None if rule is None else cls(problem, rule, threads)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether most pairs are worth something: then a dive beats a rolling assignment."""
+        return bool(self.rule.table.shape[0])
 
     def improve(self, search: Search) -> Iterator[Found]:
         """A round in every thread; the better plan, if there is one."""
