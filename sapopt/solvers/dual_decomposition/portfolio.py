@@ -70,9 +70,9 @@ class Portfolio:
         return [way for way in made if way is not None]
 
     @property
-    def dives(self) -> Dives | None:
-        """The dives, if there are any."""
-        return next((way for way in self.others if isinstance(way, Dives)), None)
+    def first_dives(self) -> Dives | None:
+        """The dives, if a first plan is to come from them."""
+        return next((way for way in self.others if isinstance(way, Dives) and way.is_full), None)
 
     @property
     def awake(self) -> list[Dives | Exchanges]:

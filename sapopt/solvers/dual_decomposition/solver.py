@@ -264,12 +264,12 @@ class _Search:
     def steps(self) -> Iterator[None]:
         """Work on; a caller may stop at every yield."""
         limit = self.run.time_limit
-        if limit is not None and self.problem.n < self.problem.m:
+        dives = self.portfolio.first_dives
+        if limit is not None and (self.problem.n < self.problem.m or dives is not None):
             yield from self.glance(_GLANCE_SHARE * limit)
         self.ascend(math.inf if limit is None else max(0.0, _DUAL_SHARE * limit - self.run.seconds))
         yield
-        dives = self.portfolio.dives
-        if dives is not None and dives.is_full:
+        if dives is not None:
             yield from self.offered(dives.improve(self))
         else:
             yield from self.offered(self.builder.rolling(self))
@@ -282,11 +282,14 @@ class _Search:
             yield from self.rounds_of_plans()
 
     def glance(self, seconds: float) -> Iterator[None]:
-        """An early plan, by sweeps under prices of a few iterations."""
+        """An early plan, by sweeps (or a dive, where every task is taken) under prices of a few iterations."""
         self.ascend(seconds, _GLANCE)
+        dives = self.portfolio.first_dives
+        if dives is not None and self.problem.n == self.problem.m:
+            yield from self.offered(dives.glance(self))
         until = self.run.seconds + seconds
         plan = self.best
-        for share in np.linspace(1.0, 0.0, _GLANCE_SWEEPS):
+        for share in np.linspace(1.0, 0.0, _GLANCE_SWEEPS if self.problem.n < self.problem.m else 0):
             left = min(until - self.run.seconds, self.seconds_left)
             if left <= 0 or self.gap <= self.options.tolerance:
                 break

@@ -48,7 +48,7 @@ _COUNT = 12
 _SECONDS, _TURN_SHARE = 1.0, 0.05
 """Least time of a round, and its share of what is left."""
 
-_PACE = 4e-9
+_PACE = 8e-9
 """Seconds that a dive takes for every candidate, round and fixing, to begin with."""
 
 _WHOLE_SHARE = 0.15
@@ -93,18 +93,22 @@ class Dives:
         """Whether most pairs are worth something: then a dive beats a rolling assignment."""
         return bool(self.rule.table.shape[0])
 
+    def glance(self, search: Search) -> Iterator[Found]:
+        """A dive over the whole horizon under early prices, if there is time for it; another one may follow."""
+        if self._takes_whole(search):
+            yield from self.improve(search)
+            self._whole = True
+
     def improve(self, search: Search) -> Iterator[Found]:
         """A round in every thread; the better plan, if there is one."""
         scale = root_mean_square(self.rule.data)
-        if self._prices is not search.settled_prices:
-            self._prices = search.settled_prices
-            self._cells = good_cells(self.problem, self._prices, _REGRET * scale, _MOST_CELLS)
+        self._list(search)
         listed = candidates(self.rule, self._cells, search.best, _WIDEST)
         shape = self.problem.T, self.problem.n, self.problem.m
         if not self._works or len(self._works[0].dropped) < len(listed.task):
             self._works = [work_for(listed, shape) for _ in range(self.threads)]
         left = search.seconds_left
-        whole = self._whole and _PACE * len(listed.task) * _ROUNDS / _SHARE < _WHOLE_SHARE * left
+        whole = self._whole and self._takes_whole(search)
         self._whole = False
         seconds = math.inf if math.isinf(left) else min(max(_SECONDS, _TURN_SHARE * left), left)
         jobs = self._jobs(search, listed, whole, scale)
@@ -124,6 +128,18 @@ class Dives:
             yield PHASE, jobs[int(np.argmax(gains))].plan
         else:
             self.quiet += 1
+
+    def _list(self, search: Search) -> None:
+        """The good cells under the best prices."""
+        if self._prices is not search.settled_prices:
+            self._prices = search.settled_prices
+            regret = _REGRET * root_mean_square(self.rule.data)
+            self._cells = good_cells(self.problem, self._prices, regret, _MOST_CELLS)
+
+    def _takes_whole(self, search: Search) -> bool:
+        """Whether there is time for a dive over the whole horizon."""
+        self._list(search)
+        return _PACE * len(self._cells) * _ROUNDS / _SHARE < _WHOLE_SHARE * search.seconds_left
 
     def _jobs(self, search: Search, listed: Any, whole: bool, scale: float) -> list[_Job]:
         """Whole horizons, each with a plan of its own, or disjoint parts of the horizon of one plan."""
