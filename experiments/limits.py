@@ -8,6 +8,7 @@
 - `three-handovers`: 10 x 5 x 7 at random with `Exact`, at most three handovers each against no limit; medians of seven.
 - `imaging`: the instance, a day by the minute; also what HAA and the dual lookahead of 30 steps get.
 - `roster`: the instance; also ward-days short of a nurse.
+- `rides`: 8 drivers and 50 requests of `waiting-rides`; also what HAA gets.
 - `interference`: 20 x 30 x 20 at random, where neighbours in a row of tasks lose 0.5, and 80 satellites over 250 tasks
   of the instance of that name; also the bound without the losses, and what reacting to each other gets.
 
@@ -113,6 +114,15 @@ def roster(run: common.Run, seed: int) -> list[dict[str, Any]]:
     return [row("roster", result, short=short)]
 
 
+def rides(run: common.Run, seed: int) -> list[dict[str, Any]]:
+    sizes = (3, 14, 12, 5) if run.quick else (8, 50, 24, 6)
+    options = dict(zip(("drivers", "requests", "steps", "width"), sizes, strict=True))
+    problem = instance("waiting-rides", seed, **options)
+    rows = [row("rides", planned(run, problem, 30.0, seed)), row("rides", solve(problem, HAA(), seed=seed))]
+    run.say(f"  HAA: {rows[-1]['value']:.2f}")
+    return rows
+
+
 def interference(run: common.Run, seed: int) -> list[dict[str, Any]]:
     rng = np.random.default_rng(seed)
     T, n, m = (6, 6, 9) if run.quick else (20, 20, 30)
@@ -142,7 +152,7 @@ def interference(run: common.Run, seed: int) -> list[dict[str, Any]]:
 
 CASES: dict[str, Callable[[common.Run, int], list[dict[str, Any]]]] = {
     "three-handovers": three_handovers, "imaging": imaging, "roster": roster, "mid-handovers": mid_handovers,
-    "mid-covers": mid_covers, "interference": interference,
+    "mid-covers": mid_covers, "rides": rides, "interference": interference,
 }  # fmt: skip
 
 

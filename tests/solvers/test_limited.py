@@ -21,7 +21,6 @@ from sapopt import (
     verify,
     why_not,
 )
-from sapopt.dynamics import Interference
 from sapopt.solvers import (
     HAA,
     HAAL,
@@ -34,6 +33,7 @@ from sapopt.solvers import (
     NoHandover,
 )
 from tests.limited_problems import LOCAL, Tiny, tiny
+from tests.local_dynamics import Dictator
 
 POLICIES = (
     HAA(),
@@ -186,7 +186,7 @@ def test_a_solver_that_cannot_says_so() -> None:
     with pytest.raises(ValueError, match=r"Exact\(milp\) does not take"):
         solve(problem, Exact("milp"))
     with pytest.raises(ValueError, match=r"not agent-local|local_model"):
-        bound(SAP(np.ones((2, 2, 2)), Interference([[0, 1]], 0.5), capacity=2))
+        bound(SAP(np.ones((2, 2, 2)), Dictator(), capacity=2))
 
 
 def test_a_policy_refuses_what_takes_several_steps() -> None:

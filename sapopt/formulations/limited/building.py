@@ -91,6 +91,8 @@ def _hub_graph(problem: SAP, cost: float, idle_is_free: bool, also: Sequence[tup
     """Nodes of an agent: the source, then for every step the hub that leads in, and the tasks held at it."""
     T, m = problem.T, problem.m
     idle, initial = problem.rows.idle, problem.initial_assignment
+    if idle < 0:  # then every pair counts, and the size is known before gigabytes are filled
+        _check_size(problem.n * (3 * T - 2) * m)
     parts = []
     first, size = 0, 0  # node of the agent's source, arcs so far
     benefits = agent_benefits(problem)
@@ -266,6 +268,6 @@ class TooLargeError(ValueError):
 def _check_size(arcs: int) -> None:
     if arcs > _MOST_ARCS:
         raise TooLargeError(
-            f"the agents' paths have more than {_MOST_ARCS:,} arcs, too many for a problem with capacities, idleness "
-            "or limits; policies such as HAAL plan it step by step"
+            f"the agents' paths have more than {_MOST_ARCS:,} arcs, too many for a problem with capacities, idleness, "
+            "limits or tasks that disturb each other; policies such as HAAL plan it step by step"
         )
