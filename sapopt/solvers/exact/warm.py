@@ -25,6 +25,9 @@ log = logging.getLogger(__name__)
 
 _LOOKAHEADS = (2, 4)
 
+_TINY = 1000
+"""Steps x agents x tasks up to which better plans to start from take longer than the proof."""
+
 
 @dataclass(frozen=True, eq=False)
 class Incumbent:
@@ -48,7 +51,9 @@ def incumbent(problem: SAP, run: Run, seconds: float) -> Incumbent:
     """The best of the start given to the run, HAAL and greedy."""
     best = Incumbent().better(problem, run.start)
     limit = run.seconds + seconds
-    policies: list[Policy] = [HAAL(lookahead) for lookahead in _LOOKAHEADS if lookahead <= max(problem.T, 2)]
+    is_tiny = problem.T * problem.n * problem.m <= _TINY
+    lookaheads = () if is_tiny else _LOOKAHEADS
+    policies: list[Policy] = [HAAL(lookahead) for lookahead in lookaheads if lookahead <= max(problem.T, 2)]
     policies.append(MyopicGreedy())
     for policy in policies:
         left = limit - run.seconds
