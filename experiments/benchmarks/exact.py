@@ -92,15 +92,19 @@ def plain(problem: SAP, seconds: float) -> dict[str, Any]:
 
 def cp_sat(problem: SAP, seconds: float) -> dict[str, Any]:
     """CP-SAT in a fresh process: its copy of HiGHS and highspy's do not get along in one."""
+    switching = problem.model.switching()
+    assert switching is not None
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        answer = pool.submit(run_cp_sat, problem.benefits.dense(), problem.dynamics.cost, seconds).result()
+        answer = pool.submit(run_cp_sat, problem.benefits.dense(), switching.uniform_cost, seconds).result()
     if "plan" in answer:
         answer["value"] = problem.evaluate(np.array(answer.pop("plan"))).value
     return answer
 
 
-def run_cp_sat(benefits: np.ndarray, price: float, seconds: float) -> dict[str, Any]:
-    """CP-SAT with its portfolio of eight workers, on who holds what and who kept it."""
+def run_cp_sat(
+    benefits: np.ndarray, price: float, seconds: float, hint: np.ndarray | None = None
+) -> dict[str, Any]:
+    """CP-SAT with its portfolio of eight workers, on who holds what and who kept it; `hint` is a plan (T, n)."""
     try:
         from ortools.sat.python import cp_model
     except ImportError as error:
@@ -128,6 +132,11 @@ def run_cp_sat(benefits: np.ndarray, price: float, seconds: float) -> dict[str, 
                 terms.append(kept)
                 gains.append(cost)
     model.maximize(cp_model.LinearExpr.weighted_sum(terms, gains) - cost * n * (T - 1))
+    if hint is not None:
+        for k in range(T):
+            for i in range(n):
+                for j in range(m):
+                    model.add_hint(x[k][i][j], bool(hint[k, i] == j))
     solver = cp_model.CpSolver()
     solver.parameters.max_time_in_seconds = seconds
     # its portfolio wants eight workers, whatever the machine
