@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from sapopt.data.matrices import Matrix
 from sapopt.data.types import FloatArray, IntArray, real_array
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics.paths.oracles import ChargePathOracle, LocalModel, PathOracle
+
+if TYPE_CHECKING:
+    from sapopt.dynamics.copies.model import SyntheticSwitching
 
 
 class Setting(Protocol):
@@ -371,6 +374,10 @@ class Model(ABC):
 
     def entering(self) -> Entering | None:
         """The parameters of the rule if every task is one task and every agent one agent, else None."""
+        return None
+
+    def copies(self) -> SyntheticSwitching | None:
+        """The rule of copies of agents if this is that very rule, else None."""
         return None
 
     def batteries(self) -> Batteries | None:

@@ -28,7 +28,7 @@ RULE = ("initial_state", "handover", "transition", "interaction")
 
 PATHS = ("path_oracle", "window_oracle", "local_model")
 """Said by any class: the paths of agents who do not see each other."""
-KINDS = ("switching", "entering", "batteries", "plain", "disturbed", "is_agent_local", "has_places")
+KINDS = ("switching", "entering", "batteries", "plain", "disturbed", "is_agent_local", "has_places", "copies")
 """Said by subclasses of `Model` alone; elsewhere such names mean something else."""
 NUMBERS = ("handover_limit", "handover_floor", "capacity")
 CAPABILITIES = (

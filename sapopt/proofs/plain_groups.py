@@ -34,9 +34,9 @@ def groups_bound(problem: SAP, prices: FloatArray) -> float:
     ValueError
         If the dynamics is another one, or the numbers overflow.
     """
-    rule = problem.model
-    if not isinstance(rule, SyntheticSwitching):
-        raise ValueError(f"dynamics: {rule.called} has no plain path recursion to verify with")
+    rule = problem.model.copies()
+    if rule is None:
+        raise ValueError(f"dynamics: {problem.model.called} has no plain path recursion to verify with")
     agent_of = rule.real_agents(problem.n)
     total, size = [*prices.ravel().tolist()], 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below

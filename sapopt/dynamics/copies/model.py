@@ -198,6 +198,10 @@ class SyntheticSwitching(Model):
             return None
         return Entering(self.cost, self.forfeit, self.idle_is_free, self.needs_sight)
 
+    def copies(self) -> SyntheticSwitching | None:
+        """Itself, if there are copies of agents."""
+        return self if self.has_places else None
+
     def real_agents(self, n: int) -> IntArray:
         """Real agent of every one of n agents."""
         return np.arange(n) if self.agent_of is None else self.agent_of
