@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import count
 
 from sapopt import api
@@ -24,7 +25,25 @@ _ITERATIONS = 3
 """Dual iterations: the first evaluation uses other kernels than those that follow."""
 
 
-def warm_up(problem: SAP, solver: Solver | None) -> None:
+@dataclass(frozen=True)
+class Others:
+    """What a run of `DualDecomposition` may turn to later: a job of its own, which another process may take."""
+
+    solver: DualDecomposition
+
+
+Part = Solver | Others | None
+"""A solver, a part of its work, or the bound (None)."""
+
+
+def parts(solver: Solver | None, problem: SAP) -> list[Part]:
+    """What `warm_up` is to be called with so that all is compiled that a run may need."""
+    if isinstance(solver, DualDecomposition) and problem.is_plain:
+        return [Others(solver), solver]
+    return [solver]
+
+
+def warm_up(problem: SAP, solver: Part) -> None:
     """Run a solver, or without one the bound, on the first `STEPS` steps of a problem.
 
     Raises
@@ -37,8 +56,11 @@ def warm_up(problem: SAP, solver: Solver | None) -> None:
         iterations = count(1)
         api.bound(small, callback=lambda progress: next(iterations) >= _ITERATIONS)
         return
+    if isinstance(solver, Others):
+        solver.solver.exercise_others(small, Run(time_limit=_SECONDS))
+        return
     if isinstance(solver, DualDecomposition) and problem.is_plain:
-        solver.exercise(small, Run(time_limit=_SECONDS), rare=False)
+        solver.exercise(small, Run(time_limit=_SECONDS))
         return
     limit = None if isinstance(solver, Policy) else _SECONDS
     if api.solve(small, solver, time_limit=limit).status is Status.INTERRUPTED:
@@ -52,6 +74,7 @@ def run_tiny(problem: SAP, solver: Solver | None) -> None:
             api.bound(problem, time_limit=_TINY_SECONDS)
         elif isinstance(solver, DualDecomposition) and problem.is_plain:
             solver.exercise(problem, Run(time_limit=_TINY_SECONDS))
+            solver.exercise_others(problem, Run(time_limit=_TINY_SECONDS))
         else:
             # A policy must run all steps: the second one, which has a past, needs more than the first.
             limit = None if isinstance(solver, Policy) else _TINY_SECONDS

@@ -17,12 +17,11 @@ from sapopt import warming
 from sapopt.kernels.blocks import thread_count
 from sapopt.kernels.clock import compile_seconds
 from sapopt.problem.sap import SAP
-from sapopt.solvers.base import Solver
 
 log = logging.getLogger(__name__)
 
-Job = tuple[str, Solver | None]
-"""A name for the user, and a solver; None stands for the bound."""
+Job = tuple[str, warming.Part]
+"""A name for the user, and what is warmed up."""
 
 _COLD = 0.5
 """Seconds of compiling after which the cache counts as empty: starting a process takes about a second."""

@@ -63,7 +63,7 @@ def compile_kernels(name: str) -> float:
     from sapopt.kernels.clock import compile_seconds
     from sapopt.kernels.jit import compiled_always
     from sapopt.solvers.names import parse_solver
-    from sapopt.warming import run_tiny, warm_up
+    from sapopt.warming import parts, run_tiny, warm_up
 
     logging.getLogger("sapopt").setLevel(logging.ERROR)  # runs cut short are no news here
     solver = None if name == _BOUND else parse_solver(name).solver
@@ -72,5 +72,7 @@ def compile_kernels(name: str) -> float:
         for _, problem in tiny_problems():
             run_tiny(problem, solver)
         with contextlib.suppress(ValueError):  # the method does not take a switching cost
-            warm_up(instance("constellation-toy"), solver)
+            toy = instance("constellation-toy")
+            for part in parts(solver, toy):
+                warm_up(toy, part)
     return compile_seconds() - before

@@ -74,6 +74,7 @@ def _size(problem: SAP) -> str:
 def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> None:
     """Compile what the solvers and the bound need, so that no time reported contains it."""
     small = warming.first_steps(problem)
+    # What a run turns to later, if at all, is compiled then: it is as much as all the rest, and the clock stands still.
     jobs: list[Job] = [(named.name, named.solver) for named in shortened(solvers, small.T)]
     jobs.append(("bound", None))
     todo = deque(jobs)

@@ -76,8 +76,9 @@ _warm: set[str] = set()
 def _warm_up(problem: SAP, solver: str) -> None:
     """Compile what the job needs, once a process and solver, so that no time limit pays for it."""
     from sapopt.solvers.names import parse_solver
-    from sapopt.warming import warm_up
+    from sapopt.warming import parts, warm_up
 
     if solver not in _warm:
-        warm_up(problem, None if solver == "bound" else parse_solver(solver).solver)
+        for part in parts(None if solver == "bound" else parse_solver(solver).solver, problem):
+            warm_up(problem, part)
         _warm.add(solver)

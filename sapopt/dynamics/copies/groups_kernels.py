@@ -147,8 +147,9 @@ def paths(begin, end, groups, prices, values, plan):
             for twin in range(copy):  # the same path as a copy that began alike
                 if start[members[g, twin]] == start[i]:
                     values[i] = values[members[g, twin]]
-                    plan[:, i] = plan[:, members[g, twin]]
-                    plan[:, n + i] = plan[:, n + members[g, twin]]
+                    for k in range(T):
+                        plan[k, i] = plan[k, members[g, twin]]
+                        plan[k, n + i] = plan[k, n + members[g, twin]]
                     break
             else:
                 s = start[i]

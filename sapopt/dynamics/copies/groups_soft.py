@@ -145,4 +145,4 @@ def soft_paths(begin, end, parts, groups, prices, weight, temperature, pairs, va
                         usages[block, k, indices[e]] += used
                         usages[block, k, m + members[g, r]] += used
                         after[real[indices[e]] if counts[e] else R] += used
-                chance[:] = after
+                chance, after = after, chance

@@ -266,4 +266,4 @@ def soft_paths(window, prices, weight, temperature, values, usage):
                 ) / scale[k]
                 usage[k, j] += used
                 after[leads_to[j]] += used
-            chance[:] = after
+            chance, after = after, chance

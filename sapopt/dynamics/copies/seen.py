@@ -186,7 +186,8 @@ def soft_paths(window, prices, weight, temperature, values, usage):
                 values[:] = np.nan
                 usage[:] = np.nan
                 return
-            part[k] *= 1.0 / largest
+            for r in range(R + 2):
+                part[k, r] *= 1.0 / largest
             scale[k] = largest
             log_z += np.log(largest) + top
         if not part[0, start[i]] > 0.0:
@@ -222,7 +223,7 @@ def soft_paths(window, prices, weight, temperature, values, usage):
                 used = (enter[e] * shared + (keep[e] - enter[e]) * own + keep[e] * free_share) / scale[k]
                 usage[k, j] += used - weight[k, j] * each
                 after[r if value > 0.0 else R] += used
-            chance[:] = after
+            chance, after = after, chance
     for k in range(T):
         common[k] += blind / everything[k]
         for j in range(m):

@@ -223,7 +223,8 @@ def stamp_news(link_start, links, bids, rounds):
     stamp = np.full(n, -1, np.int64)
     before = stamp.copy()
     for r in range(rounds):
-        before[:] = stamp
+        for i in range(n):
+            before[i] = stamp[i]
         for i in range(n):
             latest = stamp[i]
             for e in range(link_start[i], link_start[i + 1]):

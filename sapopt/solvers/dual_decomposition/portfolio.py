@@ -21,6 +21,10 @@ _PAYING_TURN = 0.1
 _FELT = 1e-3
 """Share of the gap that a way must be on the way to close in the time left, to count at all."""
 
+_LATEST = 0.3
+"""Share of the time that must be left for a way to be tried for the first time: it has to be made, and may have to be
+compiled."""
+
 _FORGETTING = 0.25
 """What is left of a way's promise when it has found nothing."""
 
@@ -48,12 +52,15 @@ class Portfolio:
     problem : SAP
     threads : int
         Of dives and exchanges.
+    time_limit : float or None
+        Of the run, in seconds.
     always : bool
         Dives and exchanges are made on a problem of any size.
     """
 
     problem: SAP
     threads: int
+    time_limit: float | None = None
     always: bool = False
     _rates: dict[type, float] = field(default_factory=dict)
     """Gain for every second of the last rounds of a way; infinite at first."""
@@ -101,7 +108,9 @@ class Portfolio:
             return min(self.awake, key=lambda way: self._turns.get(type(way), 0))
         if self._rate(_BUILDER) * seconds_left > _PAYING * distance or self.is_tired:
             return None
-        return self._best([None, *self.awake], distance, seconds_left)
+        is_late = self.time_limit is not None and seconds_left < _LATEST * self.time_limit
+        ways = [way for way in self.awake if type(way) in self._rates or not is_late]
+        return self._best([None, *ways], distance, seconds_left)
 
     def other(self, distance: float, seconds_left: float) -> Dives | Exchanges | None:
         """Whose turn it is where the builder has none; None where nobody has anything to say."""

@@ -143,21 +143,24 @@ class DualDecomposition:
         bound = float(search.bound) if math.isfinite(search.bound) else None
         return Outcome(search.best, status, bound, search.prices, search.trace)
 
-    def exercise(self, problem: SAP, run: Run, rare: bool = True) -> None:
-        """Do once all that a long run may come to, proven or not: on a small problem that compiles every kernel.
-
-        With `rare` that includes what a run turns to only where windows and sweeps no longer pay.
-        """
+    def exercise(self, problem: SAP, run: Run) -> None:
+        """Do once what every long run does, proven or not: on a small problem that compiles its kernels."""
         if needs_limits(problem):
             plan_limited(problem, run, self.tolerance, self.name)
             return
         once = replace(self, sweeps=1, rounds=1, iterations=min(self.iterations, _EXERCISE))
-        search = once._begin(problem, run)
-        search.portfolio.always = rare
-        for _ in search.steps():
+        for _ in once._begin(problem, run).steps():
             if run.expired:
                 return
-        for way in search.portfolio.others if rare else ():
+
+    def exercise_others(self, problem: SAP, run: Run) -> None:
+        """Do once what a long run turns to where windows and sweeps no longer pay: dives and exchanges."""
+        if needs_limits(problem):
+            return
+        search = self._begin(problem, run)
+        search.portfolio.always = True
+        search.prices = np.zeros((problem.T, problem.model.price_columns(problem.n, problem.m)))
+        for way in search.portfolio.others:
             for _ in search.offered(way.improve(search)):
                 if run.expired:
                     return
@@ -221,7 +224,7 @@ class _Search:
     def __post_init__(self) -> None:
         self.value = self.problem.evaluate(self.best).value
         self._no_less_than = 1e-9 * gap_unit(self.problem)
-        self.portfolio = Portfolio(self.problem, self.options.threads)
+        self.portfolio = Portfolio(self.problem, self.options.threads, self.run.time_limit)
 
     @property
     def settled_prices(self) -> FloatArray:

@@ -109,7 +109,8 @@ def marginals(rows, i, prices, first, last, before, after, local, tasks, benefit
 @njit(cache=True, nogil=True)
 def _grown(array):  # type: ignore[no-untyped-def]
     bigger = np.empty(2 * len(array), array.dtype)
-    bigger[: len(array)] = array
+    for e in range(len(array)):  # for an array in a slice numba compiles seconds of error messages
+        bigger[e] = array[e]
     return bigger
 
 
