@@ -68,7 +68,7 @@ def frames(browser: Browser) -> None:
     browser.wait("return window.drawn")
 
 
-def enter(browser: Browser, control: str, value: int) -> None:
+def enter(browser: Browser, control: str, value: int | str) -> None:
     """Give an input a value, as dragging or typing does."""
     browser.run(
         "const e = document.getElementById(arguments[0]); e.value = arguments[1]; e.dispatchEvent(new Event('input'))",
@@ -227,6 +227,21 @@ def test_map(desk: Browser, toy: Path) -> None:
     )  # nothing flies in the middle of this map, or something does: both are fine, an error is not
     desk.click("#zoomin")
     assert pixels(desk, "map") != bare
+    assert desk.messages() == []
+
+
+def test_agent_by_name(desk: Browser, toy: Path) -> None:
+    """An agent is followed by its name, the beginning of it that no other one has, or its number; else nobody is."""
+    opened(desk, toy)
+    names = desk.run("return [...document.querySelectorAll('#agents option')].map(one => one.value)")
+    assert len(names) == len(set(names)) == 24
+    alone = names[7][:-1] + names[7][-1].upper()
+    for typed, expected in ((alone, names[7]), ("7", names[7]), (names[3], names[3])):
+        enter(desk, "agent", typed)
+        assert desk.text("#follow").startswith(f"{expected} (agent ")
+    for nobody in ("plane", "24", "-1", "1.5", "no such name"):
+        enter(desk, "agent", nobody)
+        assert desk.text("#follow") == ""
     assert desk.messages() == []
 
 

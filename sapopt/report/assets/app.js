@@ -22,7 +22,7 @@ function choose(index) {
 }
 function follow(i, scroll = true) {
   state.agent = i;
-  if (document.activeElement !== byId("agent")) byId("agent").value = i < 0 ? "" : i;
+  if (document.activeElement !== byId("agent")) byId("agent").value = i < 0 ? "" : D.agents ? D.agents[i] : i;
   redraw(true);
   if (i >= 0 && scroll) requestAnimationFrame(() => showLane(i));
 }

@@ -2,15 +2,29 @@
 
 const lanes = { order: [], at: null, row: 8, left: 0, width: 0, height: 0, base: document.createElement("canvas") };
 
+const MOST_LISTED = 5000; // names to choose from while one types
+
+// An agent by its name, by the beginning of a name that no other agent has, or by its number; -1 for none.
+function agentTyped(typed) {
+  if (typed === "") return -1;
+  if (D.agents) {
+    const text = typed.toLowerCase(), same = D.agents.findIndex((name) => name.toLowerCase() === text);
+    if (same >= 0) return same;
+    const alike = D.agents.map((name, i) => i).filter((i) => D.agents[i].toLowerCase().startsWith(text));
+    if (alike.length === 1) return alike[0];
+  }
+  const i = Number(typed);
+  return Number.isInteger(i) && i >= 0 && i < D.n ? i : -1;
+}
+
 function startTimeline() {
   const { n } = D, box = byId("timelinebox"), canvas = byId("timeline");
   lanes.row = n <= 24 ? 24 : n <= 60 ? 14 : 8;
-  byId("agent").max = n - 1;
+  if (D.agents && n <= MOST_LISTED) byId("agents").append(...D.agents.map((name) => element("option", { value: name })));
   byId("order").addEventListener("change", () => redraw(true));
   byId("colour").addEventListener("change", () => redraw(true));
   byId("agent").addEventListener("input", (event) => {
-    const typed = event.target.value.trim(), i = Number(typed);
-    follow(typed !== "" && Number.isInteger(i) && i >= 0 && i < n ? i : -1);
+    follow(agentTyped(event.target.value.trim()));
   });
   box.addEventListener("scroll", () => { lanesBase(); lanesStep(); });
   canvas.addEventListener("click", (event) => {
