@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sapopt.data.types import FloatArray, IntArray
+from sapopt.dynamics.copies.hard import charge
 from sapopt.kernels.jit import njit
 
 
@@ -58,13 +59,6 @@ class Groups(NamedTuple):
     start: IntArray
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _charge(value, cost, forfeit, idle_free):
-    if value > 0.0:
-        return cost + forfeit * value
-    return 0.0 if idle_free else cost
-
-
 @njit(cache=True, borrows=True, nogil=True)
 def _to_go(g, first, groups, prices, gains, best, move, stay):
     """Value to go before every step and state, ``best`` (T + 1, R + 2), and the choices behind it.
@@ -97,7 +91,7 @@ def _to_go(g, first, groups, prices, gains, best, move, stay):
             for r in range(most):
                 value, place = data[e, r], prices[k, m + members[g, r]]
                 gains[0, j] = max(gains[0, j], value - place)
-                gains[1, j] = max(gains[1, j], value - _charge(value, cost, forfeit, idle_free) - place)
+                gains[1, j] = max(gains[1, j], value - charge(value, cost, forfeit, idle_free) - place)
                 if value > 0.0:
                     gains[2, j] = 1.0
         top, choice = -np.inf, -1
@@ -170,7 +164,7 @@ def paths(begin, end, groups, prices, values, plan):
                         value = 0.0 if entry < 0 else data[entry, r]
                         worth = value - prices[k, m + members[g, r]]
                         if not keeps and not (most > 1 and shared[j]):
-                            worth -= _charge(value, cost, forfeit, idle_free)
+                            worth -= charge(value, cost, forfeit, idle_free)
                         if worth > top:
                             top = worth
                             plan[k, n + i] = m + members[g, r]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sapopt.dynamics.copies.groups_kernels import _charge
+from sapopt.dynamics.copies.hard import charge
 from sapopt.kernels.jit import njit
 
 
@@ -30,7 +30,7 @@ def _weigh(k, g, groups, prices, temperature, places, pairs):
         free = most > 1 and shared[indices[e]]
         for r in range(most):
             worth = data[e, r] - prices[k, m + members[g, r]] - prices[k, indices[e]]
-            pays = 0.0 if free else _charge(data[e, r], cost, forfeit, idle_free)
+            pays = 0.0 if free else charge(data[e, r], cost, forfeit, idle_free)
             pairs[0, e, r] = np.exp(worth / temperature - top)
             pairs[1, e, r] = pairs[0, e, r] * np.exp(-pays / temperature)
     return top

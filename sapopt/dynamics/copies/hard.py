@@ -49,7 +49,8 @@ class Window(NamedTuple):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _charge(value, cost, forfeit, idle_free):
+def charge(value, cost, forfeit, idle_free):
+    """What a move to a task of a benefit pays."""
     if value > 0.0:
         return cost + forfeit * value
     return 0.0 if idle_free else cost
@@ -86,7 +87,7 @@ def _to_go(i, first, window, prices, row, best, move, stay):
             if kept > best[k, r]:
                 best[k, r] = kept
                 stay[k, r] = j
-            moved = kept - _charge(value, cost, forfeit, idle_free)
+            moved = kept - charge(value, cost, forfeit, idle_free)
             if moved > top:
                 top, choice = moved, j
         move[k] = choice
@@ -162,7 +163,7 @@ def first_values(window, prices, out):
             r = real[j]
             total = row[j] + (best[1, r] if (not sight or row[j] > 0.0) else best[1, R])
             if start[i] != R + 1 and start[i] != r:
-                total -= _charge(row[j], cost, forfeit, idle_free)
+                total -= charge(row[j], cost, forfeit, idle_free)
             out[i, j] = total
         for e in range(indptr[i], indptr[i + 1]):
             row[indices[e]] = 0.0
@@ -201,7 +202,7 @@ def soft_paths(window, prices, weight, temperature, values, usage):
             for e in range(lo, hi):
                 j = indices[e]
                 keep[k, j] = np.exp((data[e] - prices[k, j]) / temperature - top)
-                enter[k, j] = keep[k, j] * np.exp(-_charge(data[e], cost, forfeit, idle_free) / temperature)
+                enter[k, j] = keep[k, j] * np.exp(-charge(data[e], cost, forfeit, idle_free) / temperature)
             if sight:  # only what is seen leads to its own state
                 for j in range(m):
                     keep[k, j] *= part[k + 1, R]
