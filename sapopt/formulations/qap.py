@@ -88,7 +88,7 @@ class QAP:
         finite = np.isfinite(self.c)
         swing = np.abs(self.c[finite]).sum() + np.abs(self.a).sum() * np.abs(self.b).max(initial=0.0)
         c = np.zeros((size, size))
-        c[: len(self.a)] = np.where(finite, -self.c, 1.0 + 2.0 * swing)
+        c[: len(self.a)] = np.where(finite, -self.c, 4.0 * swing if swing > 0 else 1.0)
         matrices = (np.pad(self.a, (0, short)), -self.b + 0.0, c + 0.0)
         lines = [str(size)]
         for matrix in matrices:
@@ -233,8 +233,9 @@ def formulate(problem: SAP) -> QAP:
     double = (step[:, None] == step) & (task[:, None] == task) & (paid[:, None] != paid)
     if double.any():
         finite = np.isfinite(c)
-        swing = 1.0 + np.ptp(np.where(finite, c, 0.0), axis=1).sum() + T * n * cost.max(initial=0.0)
-        b[double] = -swing / 2.0  # met twice, once in each order
+        swing = np.ptp(np.where(finite, c, 0.0), axis=1).sum() + T * n * cost.max(initial=0.0)
+        # Twice what it could ever gain, in the size of the benefits; met twice, once in each order.
+        b[double] = -swing if swing > 0 else -1.0
         same_step = np.arange(T * n)[:, None] // n == np.arange(T * n)[None, :] // n
         a[same_step & ~np.eye(T * n, dtype=bool)] = 1.0
     return QAP(a, b, c, (T, n, m), task)

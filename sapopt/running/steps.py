@@ -253,11 +253,13 @@ class StepRules:
         rows, (n, m) = self.ledger.problem.rows, matrix.shape
         pairs = np.flatnonzero(np.isfinite(matrix))
         gain = matrix.ravel()[pairs]
-        unit = max(1.0, float(np.abs(gain).max(initial=0.0)))
+        # In the size of the gains, for HiGHS has absolute tolerances.
+        unit = float(np.abs(gain).max(initial=0.0)) or 1.0
         active = self._active
         count, r = len(pairs), len(active)
-        dear = 10.0 * unit * n + 1.0
-        cost = np.where(np.isfinite(rows.penalty[active]), rows.penalty[active], dear)
+        penalty = rows.penalty[active] / unit
+        dear = 10.0 * max(float(n), penalty[np.isfinite(penalty)].max(initial=0.0)) + 1.0
+        cost = np.where(np.isfinite(penalty), penalty, dear)
         column = np.arange(count)
         one = sp.csr_array((np.ones(count), (pairs // m, column)), shape=(n, count + r))
         held = sp.csr_array((np.ones(count), (pairs % m, column)), shape=(m, count + r))
@@ -265,7 +267,7 @@ class StepRules:
         own = sp.csr_array(self.weights[active][:, pairs])
         slack = sp.eye_array(r, format="csr")
         found = milp(
-            np.concatenate([-gain, cost]),
+            np.concatenate([-gain / unit, cost]),
             integrality=np.concatenate([np.ones(count), np.zeros(r)]),
             bounds=Bounds(0.0, np.concatenate([np.ones(count), np.full(r, np.inf)])),
             constraints=[

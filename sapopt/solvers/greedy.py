@@ -13,7 +13,7 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.outlook import Outlook
 from sapopt.solvers.base import EXTRAS
-from sapopt.solvers.limited.greedy import greedily_chosen, greedily_held
+from sapopt.solvers.limited.greedy import dearest_first, greedily_chosen, greedily_held
 
 
 @dataclass(frozen=True)
@@ -147,10 +147,7 @@ def _repaired(chosen: IntArray, allowed: np.ndarray | None, outlook: Outlook) ->
     kept = np.where(allowed, 0.0, -np.inf)
     picked = np.flatnonzero(chosen >= 0)
     picked = picked[allowed[picked, chosen[picked]]]
-    worth = np.maximum(benefit[picked, chosen[picked]], 0.0)
-    kept[picked, chosen[picked]] = 1.0 + worth / (
-        1.0 + worth.sum()
-    )  # one more choice outweighs all their worth
+    kept[picked, chosen[picked]] = 1.0 + dearest_first(benefit[picked, chosen[picked]])
     return outlook.assign(kept)
 
 

@@ -14,7 +14,8 @@ from limited_problems import LOCAL, feasible
 from strategies import Instance, instances
 
 from sapopt import SAP, Limit, Result, SwitchingCost, Team
-from sapopt.dynamics import Battery, Interference
+from sapopt.domains.instances import instance
+from sapopt.dynamics import Battery
 
 
 def solved(path: Path) -> tuple[float, dict[str, float]]:
@@ -110,5 +111,5 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"written as \.lp or \.mps"):
         SAP(np.ones((1, 1, 1))).write(tmp_path / "p.txt")
     with pytest.raises(ValueError, match="does not say that its state splits"):
-        SAP(np.ones((1, 2, 2)), Interference([[0, 1]], 0.5)).write(tmp_path / "p.lp")
+        instance("dictator").write(tmp_path / "p.lp")
     assert list(tmp_path.iterdir()) == []

@@ -38,7 +38,7 @@ def greedily_chosen(outlook: Outlook, matrix: Matrix) -> IntArray:
     chosen = np.full(len(hat), -1)
     for i, row in enumerate(hat):
         _take(row, -np.inf, i, chosen, room)
-    return outlook.assign(_worth(outlook, chosen, hat[np.arange(len(hat)), chosen]))
+    return kept_choices(outlook, chosen, hat[np.arange(len(hat)), chosen], None)
 
 
 def kept_choices(outlook: Outlook, chosen: IntArray, worth: FloatArray, held: IntArray | None) -> IntArray:
@@ -59,7 +59,8 @@ def kept_choices(outlook: Outlook, chosen: IntArray, worth: FloatArray, held: In
     if held is not None:
         waits = np.flatnonzero((chosen < 0) & (held >= 0))
         kept[waits, held[waits]] += _WAITS
-    return outlook.assign(kept)
+    # A choice counts as much as the dearest one, to be weighed against what limits cost.
+    return outlook.assign(kept * (float(worth[chosen >= 0].max(initial=0.0)) or 1.0))
 
 
 def _room(outlook: Outlook) -> IntArray:
@@ -83,6 +84,12 @@ def _worth(outlook: Outlook, chosen: IntArray, worth: FloatArray) -> FloatArray:
     kept = np.where(allowed, 0.0, -np.inf)
     picked = np.flatnonzero(chosen >= 0)
     picked = picked[allowed[picked, chosen[picked]]]
-    size = np.maximum(worth[picked], 0.0)
-    kept[picked, chosen[picked]] = 1.0 + size / (1.0 + size.sum())
+    kept[picked, chosen[picked]] = 1.0 + dearest_first(worth[picked])
     return kept
+
+
+def dearest_first(worth: FloatArray) -> FloatArray:
+    """Numbers in the order of what choices are worth, 0 for what is worth nothing; all together less than 1."""
+    size = np.maximum(worth, 0.0)
+    most = float(size.max(initial=0.0))
+    return size / most / (2.0 * len(size)) if most > 0 else size
