@@ -238,9 +238,11 @@ def test_agent_by_name(desk: Browser, toy: Path) -> None:
     alone = names[7][:-1] + names[7][-1].upper()
     for typed, expected in ((alone, names[7]), ("7", names[7]), (names[3], names[3])):
         enter(desk, "agent", typed)
+        frames(desk)
         assert desk.text("#follow").startswith(f"{expected} (agent ")
     for nobody in ("plane", "24", "-1", "1.5", "no such name"):
         enter(desk, "agent", nobody)
+        frames(desk)
         assert desk.text("#follow") == ""
     assert desk.messages() == []
 
