@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         reda = AssignmentPolicy(REDA.load("power"))
         players["HAAL L=3 then REDA"] = by_policy(RolloutPolicy(reda, [HAAL(3)]))
         players["energy price then REDA"] = by_policy(RolloutPolicy(reda, [AssignmentPolicy(energy_price)]))
-    players["dual lookahead W=3 with the value of charge"] = by_policy(
+    players["dual lookahead W=3"] = by_policy(
         DualLookahead(3, end_value=ChargeValue.load("power"))
     )
     if run.options.only:
