@@ -62,9 +62,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         reda = AssignmentPolicy(REDA.load("power"))
         players["HAAL L=3 then REDA"] = by_policy(RolloutPolicy(reda, [HAAL(3)]))
         players["energy price then REDA"] = by_policy(RolloutPolicy(reda, [AssignmentPolicy(energy_price)]))
-    players["dual lookahead W=3"] = by_policy(
-        DualLookahead(3, end_value=ChargeValue.load("power"))
-    )
+    players["dual lookahead W=3"] = by_policy(DualLookahead(3, end_value=ChargeValue.load("power")))
     if run.options.only:
         players = {name: players[name] for name in run.chosen("only", run.options.only, players)}
     problems = [instance("power", FIRST + seed, steps=20 if run.quick else 100) for seed in run.seeds]
