@@ -64,8 +64,8 @@ class Places:
     step_s: float = 60.0
 
     def __post_init__(self) -> None:
-        for name in ("agents", "tasks"):
-            given: Any = getattr(self, name)
+        given: Any
+        for name, given in (("agents", self.agents), ("tasks", self.tasks)):
             if not isinstance(given, Located):
                 raise ValueError(f"{name} must be places, such as GroundTasks, got {type(given).__name__}")
         if self.start is not None and not isinstance(self.start, datetime):
