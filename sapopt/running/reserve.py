@@ -28,7 +28,7 @@ _ON_TIME = 0.9
 _SLOWER = 1.5
 """Time kept back for HAA's steps, in multiples of what they took so far."""
 _QUICKER = 0.5
-"""HAA is of no use where a step of it takes more than this share of the policy's."""
+"""A policy goes on to the last moment where a step of HAA takes more than this share of its own."""
 _MEASURED = 3
 """Steps of HAA after which its pace counts: the first one may load kernels."""
 
@@ -111,7 +111,7 @@ class Reserve:
         return plan if self.plan is None or _value(problem, plan) >= _value(problem, self.plan) else self.plan
 
     def _play_haa(self, pace: float) -> None:
-        """Make HAA's plan, if it can be made in the time left and is quicker than the policy's `pace`, in seconds."""
+        """Make HAA's plan, if it can be made in the time left; `pace` is what the policy needs a step, in seconds."""
         problem, run = self.problem, self.run
         plan = np.empty((problem.T, problem.n), dtype=np.int64)
         state = problem.initial_state()
@@ -130,8 +130,7 @@ class Reserve:
             step = (run.seconds - began) / (k + 1)
             if k + 1 >= _MEASURED:
                 self._step = step if step <= _QUICKER * pace else 0.0
-                too_long = step * (problem.T - k - 1) > run.seconds_left
-                if self._step == 0.0 or too_long or self.forecast is not None:
+                if step * (problem.T - k - 1) > run.seconds_left or self.forecast is not None:
                     return
         if self.forecast is None:
             self.plan = plan
