@@ -22,10 +22,15 @@ from sapopt.dynamics.switching import hard as kernels
 from sapopt.dynamics.switching import narrow as narrow
 from sapopt.dynamics.switching import soft_idle as soft_idle
 from sapopt.dynamics.switching import soft_strict as soft
+from sapopt.dynamics.switching import soft_waits as waits
 from sapopt.dynamics.switching.layout import Slots, Waiting, Window
 from sapopt.dynamics.switching.soft_matrix import soft_matrix_paths
-from sapopt.dynamics.switching.soft_strict import SoftWaiting
+from sapopt.dynamics.switching.soft_waits import SoftWaiting
 from sapopt.kernels.blocks import in_blocks, summed_in_blocks, work_array
+
+_ONE_CALL = 200_000
+"""Turns of the smoothed recursion up to which one thread does all in one call: calls of several threads, each with
+arrays of its own, cost as much as the second thread saves (0.2 ms)."""
 
 
 class _Switching:
@@ -232,56 +237,30 @@ class StrictSwitching(_Switching):
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
         smoothing = self._smoothing(prices, temperature)
-        waiting = self._soft_waiting(smoothing)
-        log_z = np.empty(n)
+        waiting, log_z, turns = self._no_soft_waiting, np.empty(n), 5.0 * self._turns
+        scratch = partial(soft.strict_soft_scratch, T, self._widest, self._most)
+        if self.park:
+            best = smoothing.weight[:, self._free].max(axis=1)
+            if turns < _ONE_CALL and best.min() > waits.LEAST:
+                waiting = SoftWaiting(True, True, best, np.zeros((T, T + 1)), np.zeros((T + 1, T)))
+                usage = np.zeros((T, m))
+                if soft.soft_strict_round(
+                    self.window, self.slots, smoothing, self.excluded, waiting, *scratch(), soft.round_scratch(T, m),
+                    log_z, usage,
+                ):  # fmt: skip
+                    return smoothing.temperature * log_z - self.lost, usage
+            waiting = waits.waits(smoothing, best, self.excluded)
         usage, mass = summed_in_blocks(
             soft.soft_strict_paths, n, ((T, m), (T, T + 1)),
-            self.window, self.slots, smoothing, waiting, log_z,
-            scratch=partial(soft.strict_soft_scratch, T, self._widest, self._most), turns=5.0 * self._turns,
+            self.window, self.slots, smoothing, waiting, log_z, scratch=scratch, turns=turns,
         )  # fmt: skip
         if self.park:
-            usage += self._spread(smoothing, waiting, mass)
+            waits.spread(smoothing, waiting, self.excluded, mass, usage)
         return smoothing.temperature * log_z - self.lost, usage
 
-    def _soft_waiting(self, smoothing: Smoothing) -> SoftWaiting:
-        if not self.park:
-            return SoftWaiting(False, True, np.ones(1), np.zeros((1, 1)), np.zeros((1, 1)))
-        weight, free = smoothing.weight, self._free
-        T, m = weight.shape
-        somewhere = not self.excluded.all()
-        best = weight[:, free].max(axis=1) if somewhere else np.ones(T)
-        table, linear = np.zeros((T, T + 1)), not somewhere
-        if somewhere and best.min() > soft.LEAST:
-            lowest = np.empty(T)
-            in_blocks(
-                soft.soft_waiting, T, weight, best, self.excluded, table, lowest,
-                scratch=lambda: (work_array(m),), turns=0.1 * T * T * m,
-            )  # fmt: skip
-            linear = bool(lowest.min() > soft.LEAST)
-        if not linear:
-            table.fill(-1e300)
-            in_blocks(
-                soft.soft_waiting_logs, T, weight, self.excluded, table,
-                scratch=lambda: (work_array(m),), turns=0.5 * T * T * m,
-            )  # fmt: skip
-        return SoftWaiting(True, linear, best, table, np.ascontiguousarray(table.T))
-
-    def _spread(self, smoothing: Smoothing, waiting: SoftWaiting, mass: FloatArray) -> FloatArray:
-        """Usage (T, m) of the agents that wait, from their numbers by interval."""
-        T, m = smoothing.weight.shape
-        usage = np.empty((T, m))
-        if waiting.linear:
-            in_blocks(
-                soft.spread_waiting, m, smoothing.weight, waiting, self.excluded, mass, usage,
-                scratch=lambda: (work_array((T, m)), work_array((T, m)), work_array(m), work_array(T + 1)),
-                turns=0.3 * T * T * m,
-            )  # fmt: skip
-        else:
-            in_blocks(
-                soft.spread_waiting_logs, m, smoothing, self.excluded, waiting.table, mass, usage,
-                scratch=lambda: (work_array(T + 1),), turns=2.0 * T * T * m,
-            )  # fmt: skip
-        return usage
+    @property
+    def _no_soft_waiting(self) -> SoftWaiting:
+        return SoftWaiting(False, True, np.ones(1), np.zeros((1, 1)), np.zeros((1, 1)))
 
 
 class IdleFreeSwitching(_Switching):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp
 
 from sapopt import SAP, SwitchingCost
-from sapopt.dynamics.switching import soft_strict
+from sapopt.dynamics.switching import paths, soft_waits
 from sapopt.dynamics.switching.paths import StrictSwitching
 
 
@@ -80,14 +80,29 @@ def test_weights_and_logarithms_agree(case: tuple[StrictSwitching, np.ndarray, f
     """Waiting by weights and waiting by their logarithms give the same values and the same usage."""
     oracle, prices, temperature = case
     values, usage = oracle.soft_paths(prices, temperature)
-    least, soft_strict.LEAST = soft_strict.LEAST, np.inf
+    least, soft_waits.LEAST = soft_waits.LEAST, np.inf
     try:
         by_logs, usage_by_logs = oracle.soft_paths(prices, temperature)
     finally:
-        soft_strict.LEAST = least
+        soft_waits.LEAST = least
     # The logarithms leave out what weighs less than exp(-30) of a step, which for the value is a millionth at most.
     assert values == pytest.approx(by_logs, rel=1e-5, abs=1e-6)
     assert usage == pytest.approx(usage_by_logs, abs=1e-4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(windows())
+def test_one_call_and_several_agree(case: tuple[StrictSwitching, np.ndarray, float]) -> None:
+    """What a short window does in one call is what a long one does call by call, to the last few bits."""
+    oracle, prices, temperature = case
+    values, usage = oracle.soft_paths(prices, temperature)
+    most, paths._ONE_CALL = paths._ONE_CALL, 0
+    try:
+        one_by_one, usage_one_by_one = oracle.soft_paths(prices, temperature)
+    finally:
+        paths._ONE_CALL = most
+    assert values == pytest.approx(one_by_one, rel=1e-12, abs=1e-12)
+    assert usage == pytest.approx(usage_one_by_one, rel=1e-12, abs=1e-12)
 
 
 def test_prices_beyond_floats_take_the_logarithms() -> None:
@@ -101,6 +116,7 @@ def test_prices_beyond_floats_take_the_logarithms() -> None:
     assert oracle.park
     prices = np.where(np.arange(m) % T == np.arange(T)[:, None], 0.0, 3.0)
     temperature = 0.005
-    assert not oracle._soft_waiting(oracle._smoothing(prices, temperature)).linear
+    smoothing = oracle._smoothing(prices, temperature)
+    assert not soft_waits.waits(smoothing, smoothing.weight.max(axis=1), oracle.excluded).linear
     values, _ = oracle.soft_paths(prices, temperature)
     assert values == pytest.approx(written_out(oracle, prices, temperature), rel=1e-9)
