@@ -16,7 +16,7 @@ import numpy as np
 from sapopt import SAP
 from sapopt.data.files import write_text
 from sapopt.domains.instances import scenario
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers import CBBA, HAAL, HAALD, DistributedDualLookahead, Greedy, NoHandover
 from sapopt.solvers.distributed import play
 

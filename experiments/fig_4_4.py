@@ -19,7 +19,7 @@ from experiments.distributed_runs import LABELS, Job, policy_of, run_all
 from sapopt import SAP, bound
 from sapopt.domains.instances import scenario
 from sapopt.plotting import benefit_history, value_against_bound
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 
 NAME = "constellation-large-thesis"
 METHODS = ("dual", "HAAL", "HAALD", "greedy", "no handover")

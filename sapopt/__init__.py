@@ -15,7 +15,8 @@ from sapopt.problem.rows import LimitUse
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, verify
 from sapopt.running.control import Progress
-from sapopt.running.outlook import Outlook, rollout
+from sapopt.running.outlook import Outlook
+from sapopt.running.rollout import rollout
 
 __version__ = "0.1.0"
 

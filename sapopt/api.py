@@ -17,7 +17,8 @@ from sapopt.problem.result import Result, Status
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound, Certificate, CertificateError, prove
 from sapopt.running.control import Callback, Run, interruptible
-from sapopt.running.outlook import Forecast, Policy, rollout
+from sapopt.running.outlook import Forecast, Policy
+from sapopt.running.rollout import rollout
 from sapopt.solvers.base import Outcome, Planner, Solver, gap_unit, untaken
 
 log = logging.getLogger(__name__)

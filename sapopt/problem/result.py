@@ -49,7 +49,8 @@ class Status(enum.Enum):
 _MESSAGES = {
     Status.OPTIMAL: "The plan is proven optimal within the tolerance.",
     Status.FEASIBLE: "The method ran to its end; bound(problem) tells how far its value is from optimal.",
-    Status.TIME_LIMIT: "The time limit ended the run; the plan is the best found so far, more time may improve it.",
+    Status.TIME_LIMIT: "The time limit ended the run; the plan is the best found so far (HAA's steps may complete or "
+    "replace those of a method that decides step by step), more time may improve it.",
     Status.INTERRUPTED: "The run was interrupted; the plan is the best found so far.",
 }
 

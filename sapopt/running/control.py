@@ -53,7 +53,7 @@ Callback = Callable[[Progress], bool | None]
 
 
 class Expired(Exception):
-    """The run is over in the middle of a step; `sapopt.running.outlook.rollout` turns it into the incumbent."""
+    """The run is over in the middle of a step; `sapopt.running.rollout.rollout` turns it into the incumbent."""
 
 
 @dataclass

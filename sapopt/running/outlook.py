@@ -1,10 +1,10 @@
-"""What a policy may know at a step, and the loop that plays a policy through a problem."""
+"""What a policy may know at a step, and what a policy is."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -16,10 +16,8 @@ from sapopt.data.matrices import GainMatrix, Matrix
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics.base import Model
-from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
-from sapopt.running.control import Expired, Run
-from sapopt.running.steps import Ledger, StepRules
+from sapopt.running.steps import StepRules
 
 log = logging.getLogger(__name__)
 
@@ -210,116 +208,3 @@ class Carrying(Policy, Protocol):
 
     def restored(self, arrays: dict[str, np.ndarray]) -> Any:
         """Undo `stored`."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rollout:
-    """A plan made by a policy, and how the run ended."""
-
-    plan: IntArray
-    status: Status
-    trace: list[dict[str, Any]] = field(default_factory=list)
-
-
-def rollout(
-    problem: SAP, policy: Policy, run: Run | None = None, forecast: Forecast | None = None
-) -> Rollout:
-    """Play a policy through a problem.
-
-    Parameters
-    ----------
-    problem : SAP
-    policy : Policy
-    run : Run, optional
-        Clock, seed and callback.
-    forecast : callable, optional
-        What the policy sees of the future, see `Forecast`; the true benefits by default. It is asked at every step.
-
-    Returns
-    -------
-    Rollout
-        If the time ends or the run is interrupted, the remaining steps keep the last assignment (or take alpha of the
-        benefits where a forbidden pair is in the way), so that the plan is always whole.
-    """
-    run = run or Run()
-    windows = WindowSums(problem.benefits)
-    memory = policy.begin(problem, run.rng)
-    state = problem.initial_state()
-    parking = np.arange(problem.m)
-    plan = np.empty((problem.T, problem.n), dtype=np.int64)
-    ledger = None if problem.is_plain else Ledger(problem)
-    trace: list[dict[str, Any]] = []
-    total = 0.0
-    status = Status.FEASIBLE
-    recording = policy if isinstance(policy, Recording) else None  # asking costs as much as a small step
-    done = 0  # steps that are decided, with `state` the state after them, wherever an interruption strikes
-    try:
-        for k in range(problem.T):
-            if run.expired:
-                status = Status.INTERRUPTED if run.stopped else Status.TIME_LIMIT
-                break
-            if forecast is not None:
-                windows = _forecast_windows(forecast, problem, k)
-            else:
-                windows.forget(before=k)
-            began = run.seconds
-            allowance = run.seconds_left / (problem.T - k)
-            outlook = Outlook(k, windows.end, state, problem, windows, parking, run.check, allowance)
-            if ledger is not None:
-                outlook = replace(outlook, rules=ledger.rules(k))
-            tasks, memory = policy.act(outlook, memory)
-            plan[k] = problem.check_assignment(tasks, k)
-            if ledger is not None:
-                ledger.enter(k, plan[k])
-            gain = _step_value(problem, k, state, plan[k])
-            total += gain
-            done, state = k + 1, problem.transition(k, state, plan[k])
-            seconds = run.seconds - began
-            said = {} if recording is None else recording.record(memory)
-            trace.append({"step": k, "value": gain, "total": total, "seconds": seconds, **said})
-            run.report(k + 1, problem.T, total)
-    except KeyboardInterrupt:
-        status = Status.INTERRUPTED
-    except Expired:
-        status = Status.INTERRUPTED if run.stopped else Status.TIME_LIMIT
-    if done < problem.T:
-        log.warning(
-            "%s ended at step %d of %d; the last assignment is kept from there", policy.name, done, problem.T
-        )
-        _hold(problem, plan, done, state, ledger)
-    return Rollout(plan, status, trace)
-
-
-def _forecast_windows(forecast: Forecast, problem: SAP, k: int) -> WindowSums:
-    seen = Benefits(forecast(k, problem.T - k)).settled()
-    if seen.shape[1:] != (problem.n, problem.m) or seen.shape[0] > problem.T - k:
-        raise ValueError(
-            f"forecast({k}, {problem.T - k}) returned shape {seen.shape}, "
-            f"expected (1..{problem.T - k}, {problem.n}, {problem.m})"
-        )
-    return WindowSums(seen, first=k)
-
-
-def _step_value(problem: SAP, k: int, state: Any, tasks: IntArray) -> float:
-    held = problem.benefits.slice(k, k + 1).at(tasks[None])[0]
-    return float(held.sum() + problem.model.handover_at(k, state, tasks).sum())
-
-
-def _hold(problem: SAP, plan: IntArray, first: int, state: Any, ledger: Ledger | None) -> None:
-    """Fill the steps from `first` on at no cost of thought."""
-    order = np.arange(problem.m)
-    previous = plan[first - 1] if first else problem.initial_assignment
-    for k in range(first, problem.T):
-        if ledger is not None:  # what was right at one step may break a limit at the next
-            windows = WindowSums(problem.benefits.slice(k, k + 1), first=k)
-            outlook = Outlook(k, k + 1, state, problem, windows, order, rules=ledger.rules(k))
-            plan[k] = outlook.assign(outlook.beta_hat())
-            ledger.enter(k, plan[k])
-            state = problem.transition(k, state, plan[k])
-            continue
-        if previous is None or not np.isfinite(_step_value(problem, k, state, previous)):
-            windows = WindowSums(problem.benefits.slice(k, k + 1), first=k)
-            outlook = Outlook(k, k + 1, state, problem, windows, order)
-            previous = outlook.assign(outlook.beta_hat())
-        plan[k] = previous
-        state = problem.transition(k, state, plan[k])

@@ -36,6 +36,8 @@ from sapopt.solvers.limited.receding import priced_step
 _SHARES, _FIRST_SHARES = 0.8, 4.0
 """Time for the prices of a step, in even shares of the time left; assignments take the rest. The first step, which has
 no prices to begin with, may take more. A step that is cut short is played with the prices it has."""
+_FIRST_PART = 0.4
+"""Most of the time left that the first step's prices may take, however few steps there are."""
 _RENEWAL = 10
 """Iterations between two looks at what no good path uses, and at the time."""
 _PLANNED = 0.95
@@ -45,6 +47,13 @@ _PLANNED = 0.95
 def values_first_tasks(oracle: PathOracle) -> bool:
     """Whether `assign_first` can work with an oracle."""
     return isinstance(oracle, (FirstGainsOracle, FirstRowsOracle, FirstValueOracle))
+
+
+def _seconds(outlook: Outlook, is_first: bool) -> float:
+    """What the prices of a step may take."""
+    if not is_first:
+        return _SHARES * outlook.allowance
+    return min(_FIRST_SHARES, _FIRST_PART * (outlook.problem.T - outlook.k)) * outlook.allowance
 
 
 def assign_first(outlook: Outlook, oracle: PathOracle, prices: FloatArray) -> IntArray:
@@ -116,8 +125,7 @@ class DualLookahead:
         """Prices of the window, then one assignment problem."""
         if outlook.rules is not None:
             before = memory if isinstance(memory, Prices) else None
-            seconds = (_FIRST_SHARES if before is None else _SHARES) * outlook.allowance
-            seconds = min(seconds, outlook.deadline - clock.now())
+            seconds = min(_seconds(outlook, before is None), outlook.deadline - clock.now())
             until = clock.now() + seconds
             answer = priced_step(outlook, self.window, self.iterations, before, seconds)
             if clock.now() >= until:
@@ -145,8 +153,7 @@ class DualLookahead:
             known = min(T, len(memory) - 1)
             # What a session has carried over lacks the places of copies: they cost nothing at first.
             prices[:known, : memory.shape[1]] = memory[1 : known + 1]
-        shares = _FIRST_SHARES if memory is None else _SHARES
-        until = min(clock.now() + shares * outlook.allowance, outlook.deadline)
+        until = min(clock.now() + _seconds(outlook, memory is None), outlook.deadline)
         prices = self._priced(oracle, prices, memory is None, outlook, until)
         return assign_first(outlook, oracle, prices), prices
 

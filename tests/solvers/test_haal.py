@@ -12,7 +12,8 @@ from plain_haal import plain_step
 
 from sapopt import SAP, Benefits, SwitchingCost, solve
 from sapopt.data.windows import WindowSums
-from sapopt.running.outlook import Outlook, rollout
+from sapopt.running.outlook import Outlook
+from sapopt.running.rollout import rollout
 from sapopt.solvers import HAA, HAAL
 from sapopt.solvers.haal import HAALMemory
 from sapopt.solvers.haal_tree import CompiledTree

@@ -9,7 +9,7 @@ from switching_problems import optimum, tiny, walking
 from sapopt import SAP
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.dual import ascend
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers import HAA
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures

@@ -10,7 +10,8 @@ import numpy as np
 from sapopt.data.types import IntArray
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
-from sapopt.running.outlook import Outlook, Policy, Rollout, rollout
+from sapopt.running.outlook import Outlook, Policy
+from sapopt.running.rollout import Rollout, rollout
 from sapopt.solvers.distributed.simulator import Traffic
 
 
@@ -38,7 +39,7 @@ class _Recorder:
 
 
 def play(problem: SAP, policy: Policy, run: Run | None = None) -> tuple[Rollout, list[Traffic]]:
-    """`sapopt.running.outlook.rollout` of a distributed policy, with the traffic of every step.
+    """`sapopt.running.rollout.rollout` of a distributed policy, with the traffic of every step.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from sapopt.formulations.limited.disturbed import needs_limits
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
 from sapopt.solvers.dual_decomposition.copied_plans import CopiedPlans
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans

@@ -17,7 +17,8 @@ from sapopt.formulations.network import Network, NetworkOracle
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
-from sapopt.running.outlook import Policy, rollout
+from sapopt.running.outlook import Policy
+from sapopt.running.rollout import rollout
 from sapopt.solvers.greedy import MyopicGreedy
 from sapopt.solvers.haal import HAAL
 

@@ -28,7 +28,7 @@ from sapopt.kernels import clock
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers.base import Outcome, gap_unit
 from sapopt.solvers.iterated import IteratedAssignment
 from sapopt.solvers.limited.dive import dive

@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from sapopt import SAP
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.matrices import GainMatrix
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers import HAA, DistributedAuction
 from sapopt.solvers.distributed import Faults
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sapopt import SAP, SwitchingCost
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers import CBBA
 from sapopt.solvers.distributed import Faults, play
 from sapopt.solvers.distributed.cbba import settle

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sapopt import SAP, SwitchingCost
-from sapopt.running.outlook import rollout
+from sapopt.running.rollout import rollout
 from sapopt.solvers import DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.distributed import Faults, play
 

@@ -14,7 +14,8 @@ from sapopt.data.benefits import Benefits
 from sapopt.data.matrices import value_of
 from sapopt.data.windows import WindowSums
 from sapopt.dynamics import SyntheticSwitching
-from sapopt.running.outlook import Outlook, rollout
+from sapopt.running.outlook import Outlook
+from sapopt.running.rollout import rollout
 from sapopt.solvers import CBBA, HAA, HAALD, CentralHAALD, DistributedAuction, DistributedDualLookahead
 from sapopt.solvers.distributed import Faults, Network, Simulator, play
 from sapopt.solvers.distributed.common import Scene

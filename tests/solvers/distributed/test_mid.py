@@ -69,7 +69,7 @@ def test_values_of_the_whole_orbit() -> None:
             DistributedDualLookahead(6, EPSILON, graphs),
         )
     }
-    from sapopt.running.outlook import rollout
+    from sapopt.running.rollout import rollout
 
     haal = problem.evaluate(rollout(problem, HAAL(3)).plan).value
     assert value["HAALD"] == pytest.approx(haal, rel=0.05)
