@@ -10,7 +10,10 @@ from switching_problems import optimum, tiny, walking
 
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.problem.result import Status
+from sapopt.running.control import Run
+from sapopt.solvers import DualLookahead
 from sapopt.solvers.dual_decomposition import DualDecomposition
+from sapopt.solvers.dual_decomposition.early import looked_ahead
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
 from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
@@ -167,3 +170,15 @@ def test_windowed_plans_need_sparse_values() -> None:
     problem = SAP(np.ones((3, 2, 3)), SwitchingCost(0.1, idle_is_free=True))
     with pytest.raises(ValueError, match="sparse"):
         plan_by_first_rows(problem, np.zeros((3, 3)))
+
+
+def test_looks_ahead_early() -> None:
+    """Where few pairs are worth something, a run with a time limit has the plan of a receding horizon first."""
+    rng = np.random.default_rng(5)
+    benefits = rng.random((10, 8, 12)) * (rng.random((10, 8, 12)) < 0.3)
+    problem = SAP(benefits, 0.3)
+    found = list(looked_ahead(problem, Run(time_limit=1e6), lambda phase: False))
+    np.testing.assert_array_equal(found[0][1], solve(problem, DualLookahead(8)).plan)
+    begun = solve(problem, DualDecomposition(rounds=1), time_limit=2.0, start=found[0][1])
+    assert "looking ahead" not in {line["phase"] for line in begun.trace}
+    assert begun.value >= problem.evaluate(found[0][1]).value

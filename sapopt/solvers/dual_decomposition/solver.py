@@ -24,12 +24,21 @@ from sapopt.running.control import Run
 from sapopt.running.rollout import rollout
 from sapopt.solvers.base import EXTRAS, Outcome, gap_unit
 from sapopt.solvers.dual_decomposition.copied_plans import CopiedPlans
+from sapopt.solvers.dual_decomposition.early import looked_ahead
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
-from sapopt.solvers.dual_decomposition.plans import REPRICED, SWEEPS, Found, PlanBuilder, Reprice, path_sweeps
+from sapopt.solvers.dual_decomposition.plans import (
+    REPRICED,
+    SWEEPS,
+    Found,
+    PlanBuilder,
+    Reprice,
+    path_sweeps,
+)
 from sapopt.solvers.dual_decomposition.portfolio import Portfolio
 from sapopt.solvers.dual_decomposition.repricing import repriced
+from sapopt.solvers.dual_lookahead import values_first_tasks
 from sapopt.solvers.haal import HAA
 from sapopt.solvers.limited.planner import plan_limited
 
@@ -270,6 +279,13 @@ class _Search:
         dives = self.portfolio.first_dives
         if limit is not None and (self.problem.n < self.problem.m or dives is not None):
             yield from self.glance(_GLANCE_SHARE * limit)
+        if (
+            limit is not None
+            and dives is None
+            and self.run.start is None
+            and values_first_tasks(self.oracle())
+        ):
+            yield from self.offered(looked_ahead(self.problem, self.run, self.report))
         self.ascend(math.inf if limit is None else max(0.0, _DUAL_SHARE * limit - self.run.seconds))
         yield
         if dives is not None:
@@ -285,10 +301,10 @@ class _Search:
             yield from self.rounds_of_plans()
 
     def glance(self, seconds: float) -> Iterator[None]:
-        """An early plan, by sweeps (or a dive, where every task is taken) under prices of a few iterations."""
+        """An early plan, by sweeps (and a dive, where most pairs are worth something) under prices of a few iterations."""
         self.ascend(seconds, _GLANCE)
         dives = self.portfolio.first_dives
-        if dives is not None and self.problem.n == self.problem.m:
+        if dives is not None:
             yield from self.offered(dives.glance(self))
         until = self.run.seconds + seconds
         plan = self.best
@@ -375,7 +391,7 @@ class _Search:
         # a large problem gains more from a second smooth descent than from the subgradient steps that would follow
         anew = self.dual is None or self.builder.lives_on_prices
         self.dual = ascend(
-            _oracle(self.options, self.problem, 0, self.problem.initial_state()),
+            self.oracle(),
             None if self.dual is None else self.prices,
             state=None if anew or self.dual is None else self.dual.state,
             time_limit=None if math.isinf(seconds) else max(0.0, min(seconds, self.seconds_left)),
@@ -390,6 +406,10 @@ class _Search:
         if self.dual.bound <= self.bound:
             self.bound, self.prices = float(self.dual.bound), self.dual.prices
         self.record("prices")
+
+    def oracle(self) -> PathOracle:
+        """The paths over all steps."""
+        return _oracle(self.options, self.problem, 0, self.problem.initial_state())
 
     def repricing(self, count: int) -> Reprice:
         """A repricing of ``count`` dual iterations."""
