@@ -301,7 +301,7 @@ class _Search:
             yield from self.rounds_of_plans()
 
     def glance(self, seconds: float) -> Iterator[None]:
-        """An early plan, by sweeps (and a dive, where most pairs are worth something) under prices of a few iterations."""
+        """Early plans, by sweeps (and a dive on full problems) under prices of a few iterations."""
         self.ascend(seconds, _GLANCE)
         dives = self.portfolio.first_dives
         if dives is not None:
