@@ -13,7 +13,7 @@ from sapopt.dynamics.battery import hard as kernels
 from sapopt.dynamics.battery import soft as soft
 from sapopt.dynamics.battery.hard import Before, Rule, link_rows
 from sapopt.dynamics.paths.rows import Smoothing, cheapest_and_rest, cheapest_tasks, most_entries, widest_row
-from sapopt.dynamics.paths.window import flat_benefits
+from sapopt.dynamics.paths.window import checked_prices, coldest_temperature, flat_benefits
 from sapopt.kernels.blocks import in_blocks, summed_in_blocks
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class BatteryPaths:
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
-        return self.cost / 300.0
+        return coldest_temperature(self.cost)
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
@@ -193,11 +193,7 @@ class BatteryPaths:
         return 3.0 * (self.rule.capacity + 1) * (self.rows.data.size + T * n)
 
     def _prices(self, prices: FloatArray) -> FloatArray:
-        T, _, m = self._shape
-        p = np.ascontiguousarray(prices, dtype=np.float64)
-        if p.shape != (T, m):
-            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
-        return p
+        return checked_prices(prices, self._shape)
 
 
 def leftover(

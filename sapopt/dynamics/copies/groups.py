@@ -34,7 +34,7 @@ from sapopt.data.benefits import Benefits, dense_step
 from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.copies import groups_kernels as kernels
 from sapopt.dynamics.copies.groups_soft import soft_paths
-from sapopt.dynamics.paths.window import flat_benefits
+from sapopt.dynamics.paths.window import checked_prices, coldest_temperature, flat_benefits
 from sapopt.kernels.blocks import in_blocks
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class GroupPaths:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
         data = self.groups.data
         highest = float(np.max(data[np.isfinite(data)], initial=0.0))
-        return (self.groups.cost + max(self.groups.forfeit, 1e-2) * highest) / 300.0
+        return coldest_temperature(self.groups.cost + max(self.groups.forfeit, 1e-2) * highest)
 
     @property
     def damping(self) -> float:
@@ -184,11 +184,7 @@ class GroupPaths:
         in_blocks(kernel, count, self.groups, prices, *out, turns=2.0 * count * prices.size)
 
     def _prices(self, prices: FloatArray) -> FloatArray:
-        T, _, columns = self.shape
-        p = np.ascontiguousarray(prices, dtype=np.float64)
-        if p.shape != (T, columns):
-            raise ValueError(f"prices: expected shape {(T, columns)} (tasks, then places), got {p.shape}")
-        return p
+        return checked_prices(prices, self.shape, " (tasks, then places)")
 
 
 def _start(state: IntArray | None, n: int, none: int) -> IntArray:

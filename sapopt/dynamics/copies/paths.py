@@ -14,7 +14,7 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.copies import hard as kernels
 from sapopt.dynamics.copies import seen as seen
-from sapopt.dynamics.paths.window import flat_benefits
+from sapopt.dynamics.paths.window import checked_prices, coldest_temperature, flat_benefits
 
 if TYPE_CHECKING:
     from sapopt.dynamics.copies.model import SyntheticSwitching
@@ -62,7 +62,7 @@ class SyntheticPaths:
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
         highest = float(np.max(self.window.data[np.isfinite(self.window.data)], initial=0.0))
-        return (self.window.cost + max(self.window.forfeit, 1e-2) * highest) / 300.0
+        return coldest_temperature(self.window.cost + max(self.window.forfeit, 1e-2) * highest)
 
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
@@ -108,8 +108,4 @@ class SyntheticPaths:
         return values, plan
 
     def _prices(self, prices: FloatArray) -> FloatArray:
-        T, _, m = self._shape
-        p = np.ascontiguousarray(prices, dtype=np.float64)
-        if p.shape != (T, m):
-            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
-        return p
+        return checked_prices(prices, self._shape)

@@ -15,6 +15,7 @@ import numpy as np
 
 from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.paths import arcs_kernels as kernels
+from sapopt.dynamics.paths.window import checked_prices
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +208,4 @@ class ArcPaths:
         return task, price
 
     def _prices(self, prices: FloatArray) -> FloatArray:
-        T, _, m = self.shape
-        p = np.ascontiguousarray(prices, dtype=np.float64)
-        if p.shape != (T, m):
-            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
-        return p
+        return checked_prices(prices, self.shape)

@@ -32,3 +32,25 @@ def flat_benefits(
     filled = rows != 0.0
     indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=1))]).astype(np.int64)
     return indptr, np.nonzero(filled)[1].astype(np.int32), rows[filled], (T, n, m)
+
+
+def checked_prices(prices: FloatArray, shape: tuple[int, int, int], columns: str = "") -> FloatArray:
+    """Prices (T, columns) as the recursions of a window of `shape` (T, n, columns) read them.
+
+    Raises
+    ------
+    ValueError
+        If they have another shape. `columns` says in the message what the columns are if not the tasks alone.
+    """
+    p = np.ascontiguousarray(prices, dtype=np.float64)
+    if p.shape != (shape[0], shape[2]):
+        raise ValueError(f"prices: expected shape {(shape[0], shape[2])}{columns}, got {p.shape}")
+    return p
+
+
+def coldest_temperature(move: float) -> float:
+    """Lowest temperature of soft paths whose dearest move costs `move`: its weight exp(-move / temperature) is 1e-130.
+
+    Below it the weight of two moves, their product, leaves the range of floats.
+    """
+    return move / 300.0

@@ -16,7 +16,7 @@ from sapopt.dynamics.paths import first_rows as rows
 from sapopt.dynamics.paths.first_rows import FirstRows
 from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.paths.rows import Smoothing, cheapest_and_rest, cheapest_tasks, most_entries, widest_row
-from sapopt.dynamics.paths.window import flat_benefits
+from sapopt.dynamics.paths.window import checked_prices, coldest_temperature, flat_benefits
 from sapopt.dynamics.switching import first as first
 from sapopt.dynamics.switching import hard as kernels
 from sapopt.dynamics.switching import narrow as narrow
@@ -67,11 +67,7 @@ class _Switching:
         return self._scale
 
     def _prices(self, prices: FloatArray) -> FloatArray:
-        T, _, m = self._shape
-        p = np.ascontiguousarray(prices, dtype=np.float64)
-        if p.shape != (T, m):
-            raise ValueError(f"prices: expected shape {(T, m)}, got {p.shape}")
-        return p
+        return checked_prices(prices, self._shape)
 
     def _smoothing(self, prices: FloatArray, temperature: float) -> Smoothing:
         p, eps = self._prices(prices), float(temperature)
@@ -231,7 +227,7 @@ class StrictSwitching(_Switching):
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
-        return self.cost / 300.0
+        return coldest_temperature(self.cost)
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
@@ -304,7 +300,7 @@ class IdleFreeSwitching(_Switching):
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
-        return self.cost / 300.0
+        return coldest_temperature(self.cost)
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
@@ -365,7 +361,7 @@ class MatrixSwitching(_Switching):
     @property
     def coldest(self) -> float:
         """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
-        return float(self.window.cost.max(initial=0.0)) / 300.0
+        return coldest_temperature(float(self.window.cost.max(initial=0.0)))
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
