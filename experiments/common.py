@@ -15,7 +15,7 @@ A script looks like this::
         axes.plot(values)
         run.write_figure(figure)                 # DIR/fig_x.png
 
-Results that are there already are never overwritten without ``--force``.
+Results that are there already are never overwritten without ``--force``, but for those that a script goes on with.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Run:
         head = {
             "experiment": self.name,
             "command": " ".join(["python", "-m", f"experiments.{self.name}", *sys.argv[1:]]),
-            "options": {key: str(v) if isinstance(v, Path) else v for key, v in vars(self.options).items()},
+            "options": _told(self.options),
             "seeds": list(self.seeds),
             "environment": {**environment(), "cores": os.cpu_count(), "load": list(os.getloadavg())},
             "seconds": round(time.perf_counter() - self.began, 2),
@@ -160,7 +160,8 @@ def begin(
     add : callable, optional
         Adds the script's own options to the parser.
     resumes : bool
-        The script goes on where an earlier run ended, so its own results need not be protected.
+        The script goes on where an earlier run ended, so results of the same options, on as many seeds or fewer, need
+        not be protected.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_seeds(parser, seeds, quick_seeds)
@@ -172,10 +173,27 @@ def begin(
     options = parser.parse_args(argv)
     asked = seeds_of(parser, options)
     earlier = options.out / f"{name}.json"
-    if earlier.exists() and not (options.force or resumes):
+    if earlier.exists() and not (options.force or (resumes and _is_continued(earlier, options))):
         parser.error(f"{earlier} exists already; give --force to overwrite it, or another --out")
     options.out.mkdir(parents=True, exist_ok=True)
     return Run(name, options, asked)
+
+
+def _is_continued(report: Path, options: argparse.Namespace) -> bool:
+    """Whether a finished report is of the same options, and of no seed that would not be run again."""
+    try:
+        theirs = json.loads(report.read_text(encoding="utf-8"))["options"]
+        fewer = theirs["seed"] == options.seed and theirs["seeds"] <= options.seeds
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    ours = json.loads(json.dumps(_told(options)))
+    free = ("seed", "seeds", "out", "force")
+    return bool(fewer) and all(ours.get(k) == theirs.get(k) for k in ours | theirs if k not in free)
+
+
+def _told(options: argparse.Namespace) -> dict[str, Any]:
+    """Options as a report names them."""
+    return {key: str(v) if isinstance(v, Path) else v for key, v in vars(options).items()}
 
 
 def warm(problem: SAP, solver: Solver) -> None:

@@ -57,6 +57,25 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     begin(tmp_path, "--force")
 
 
+def test_only_the_same_run_goes_on(tmp_path: Path) -> None:
+    """A script that goes on keeps finished results of other options, or of seeds that it would not run again."""
+
+    def again(*argv: str) -> common.Run:
+        given = [*argv, "--out", str(tmp_path)]
+        return common.begin("An experiment.", "made_up", given, seeds=5, quick_seeds=2, resumes=True)
+
+    again("--seeds", "3").write_json({})
+    for argv in (["--quick"], ["--seeds", "2"], ["--seeds", "3", "--seed", "1"]):
+        with pytest.raises(SystemExit):
+            again(*argv)
+    assert again("--seeds", "3").seeds == (0, 1, 2)
+    assert again("--seeds", "4").seeds == (0, 1, 2, 3)
+    again("--quick", "--force")
+    (tmp_path / "made_up.json").write_text("{", encoding="utf-8")
+    with pytest.raises(SystemExit):
+        again("--seeds", "3")
+
+
 def test_bad_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """There is no experiment with no seed."""
     with pytest.raises(SystemExit):
