@@ -5,6 +5,8 @@
 - `mid-handovers`: constellation-mid, satellites may idle, each takes up at most 20 tasks.
 - `mid-covers`: constellation-mid, satellites may idle, every task of priority above 1.8 is served at every step at
   which some satellite sees it, or one is paid.
+- `busy-handovers`, `busy-covers`: the same where every satellite holds a task at every step, as in the thesis; also
+  how long it takes to verify the certificate.
 - `three-handovers`: 10 x 5 x 7 at random with `Exact`, at most three handovers each against no limit; medians of seven.
 - `imaging`: the instance, a day by the minute; also what HAA and the dual lookahead of 30 steps get.
 - `roster`: the instance; also ward-days short of a nurse.
@@ -26,7 +28,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from experiments import common
-from sapopt import SAP, Limit, Result, SwitchingCost, bound, solve
+from sapopt import SAP, Limit, Result, SwitchingCost, bound, certify, solve, verify
 from sapopt.domains.instances import instance, scenario
 from sapopt.dynamics import Interference
 from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead, Exact, IteratedAssignment
@@ -36,24 +38,33 @@ _DEAR = 1.8
 """Priority from which on a task is to be covered."""
 
 
-def mid_handovers(run: common.Run, seed: int) -> list[dict[str, Any]]:
+def mid_handovers(
+    run: common.Run, seed: int, case: str = "mid-handovers", idle: bool = True
+) -> list[dict[str, Any]]:
     base = _mid(run, seed)
     most = 5 if run.quick else 20
-    problem = SAP(base.benefits, SwitchingCost(0.5), idle=True, limits=[Limit.handovers(most, each=True)])
+    problem = SAP(base.benefits, SwitchingCost(0.5), idle=idle, limits=[Limit.handovers(most, each=True)])
     result = planned(run, problem, 120.0, seed)
     taken = np.array([use.use for use in result.evaluation.limits])
     return [
         row(
-            "mid-handovers",
+            case,
             result,
             at_most=most,
             most_taken=taken.max(),
             at_the_limit=int((taken == most).sum()),
+            **({} if idle else verified(run, problem, result)),
         )
     ]
 
 
-def mid_covers(run: common.Run, seed: int) -> list[dict[str, Any]]:
+def busy_handovers(run: common.Run, seed: int) -> list[dict[str, Any]]:
+    return mid_handovers(run, seed, "busy-handovers", idle=False)
+
+
+def mid_covers(
+    run: common.Run, seed: int, case: str = "mid-covers", idle: bool = True
+) -> list[dict[str, Any]]:
     base = _mid(run, seed)
     priority = scenario("constellation-mid", seed).tasks.priority
     seen = np.stack(
@@ -64,10 +75,22 @@ def mid_covers(run: common.Run, seed: int) -> list[dict[str, Any]]:
         for j in np.flatnonzero(priority > _DEAR)
         if seen[:, j].any()
     ]
-    problem = SAP(base.benefits, SwitchingCost(0.5), idle=True, limits=limits)
+    problem = SAP(base.benefits, SwitchingCost(0.5), idle=idle, limits=limits)
     result = planned(run, problem, 120.0, seed)
     unmet = sum(use.cost > 0 for use in result.evaluation.limits)
-    return [row("mid-covers", result, covers=len(result.evaluation.limits), unmet=unmet)]
+    return [
+        row(
+            case,
+            result,
+            covers=len(result.evaluation.limits),
+            unmet=unmet,
+            **({} if idle else verified(run, problem, result)),
+        )
+    ]
+
+
+def busy_covers(run: common.Run, seed: int) -> list[dict[str, Any]]:
+    return mid_covers(run, seed, "busy-covers", idle=False)
 
 
 def three_handovers(run: common.Run, seed: int) -> list[dict[str, Any]]:
@@ -152,7 +175,8 @@ def interference(run: common.Run, seed: int) -> list[dict[str, Any]]:
 
 CASES: dict[str, Callable[[common.Run, int], list[dict[str, Any]]]] = {
     "three-handovers": three_handovers, "imaging": imaging, "roster": roster, "mid-handovers": mid_handovers,
-    "mid-covers": mid_covers, "rides": rides, "interference": interference,
+    "mid-covers": mid_covers, "busy-handovers": busy_handovers, "busy-covers": busy_covers,
+    "rides": rides, "interference": interference,
 }  # fmt: skip
 
 
@@ -169,6 +193,19 @@ def planned(run: common.Run, problem: SAP, seconds: float, seed: int, solver: So
     result = solve(problem, solver, seed=seed, time_limit=limit)
     run.say(f"  {result}, {len(problem.limits)} limits")
     return result
+
+
+def verified(run: common.Run, problem: SAP, result: Result) -> dict[str, float]:
+    """The bound of the certificate, and the seconds that it takes to make and to verify it."""
+    began = time.perf_counter()
+    made = certify(problem, result)
+    between = time.perf_counter()
+    proven = verify(made, problem)
+    after = time.perf_counter()
+    run.say(
+        f"  certificate: {proven.value:.2f} of at most {proven.bound:.2f}, verified in {after - between:.1f} s"
+    )
+    return {"certified": proven.bound, "certifying": between - began, "verifying": after - between}
 
 
 def row(case: str, result: Result, **more: Any) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from sapopt.dynamics.idle import IdlePlace
 from sapopt.problem.limit import Limit, Team, chosen
 from sapopt.problem.sap import SAP
 from sapopt.proofs.plain import sum_down
+from sapopt.proofs.plain_switching import switching_values
 
 _EPS = float(np.finfo(np.float64).eps)
 _SLACK = 1e-9  # of sums that are not whole numbers, by the definition of a Limit
@@ -51,10 +52,14 @@ def _one(index: int) -> slice:
     return slice(int(index), int(index) + 1)
 
 
-def _sums(problem: SAP, limit: Limit) -> Iterator[_Weights]:
-    """The sums that a limit stands for, in order."""
+def _served(problem: SAP) -> np.ndarray:
+    """Mask (T, n, m) of the pairs that serve."""
+    return np.stack([dense_step(problem.benefits.step(k)) > 0 for k in range(problem.T)])
+
+
+def _sums(problem: SAP, limit: Limit, served: np.ndarray) -> Iterator[_Weights]:
+    """The sums that a limit stands for, in order; `served` is that of `_served`."""
     T, n, m = problem.T, problem.n, problem.m
-    served = np.stack([dense_step(problem.benefits.step(k)) for k in range(T)]) > 0
 
     def zeros(*where: slice) -> _Weights:
         shape = [len(range(size)[part]) for part, size in zip(where, (T, n, m), strict=True)]
@@ -143,11 +148,12 @@ def limited_value(problem: SAP, plan: Any) -> float:
     where = np.argwhere(tasks >= 0)
     held[where[:, 0], where[:, 1], tasks[tasks >= 0]] = True
     is_new = (tasks != before)[:, :, None]
+    served = _served(problem)
     for limit in problem.limits:
         if isinstance(limit, Team):
             numbers += _earned(problem, limit, tasks)
             continue
-        for weights in _sums(problem, limit):
+        for weights in _sums(problem, limit, served):
             here, new = held[weights.where], is_new[weights.where[:2]]
             parts = (weights.pair[here], weights.taken[here & new], weights.stayed[here & ~new])
             use = math.fsum(np.concatenate(parts).tolist())
@@ -246,6 +252,7 @@ def limited_bound(problem: SAP, prices: Any, limit_prices: Any, team_prices: Any
     pair[:, :, :m] += mu[:, None]
     size[:, :, :m] += mu[:, None]
     row = team = 0
+    served = _served(problem)
     for limit in problem.limits:
         if isinstance(limit, Team):
             (task,) = chosen(limit.task, m, problem.tasks, "task")
@@ -255,7 +262,7 @@ def limited_bound(problem: SAP, prices: Any, limit_prices: Any, team_prices: Any
                 fixed.append(max(0.0, limit.reward - limit.needs * float(helpers[team])))
                 team += 1
             continue
-        for weights in _sums(problem, limit):
+        for weights in _sums(problem, limit, served):
             price = float(y[row])
             row += 1
             if price == 0.0:
@@ -327,6 +334,9 @@ def _local_values(
     """
     disturbed = core.model.disturbed()
     model = core.model if disturbed is None else disturbed.alone
+    rule = model.switching()  # of idleness beside it too, whose charges differ: not here
+    if rule is not None and rule.uniform_cost is not None:
+        return switching_values(core, rule, pair, taken, stayed), core.T * rule.uniform_cost
     states = model.local_model(core.benefits, core.initial_state()) if model.is_agent_local else None
     if states is None:
         raise ValueError(f"dynamics: {model.called} has no local_model, so prices prove nothing")

@@ -69,7 +69,8 @@ class _Switching:
     def _prices(self, prices: FloatArray) -> FloatArray:
         return checked_prices(prices, self._shape)
 
-    def _smoothing(self, prices: FloatArray, temperature: float) -> Smoothing:
+    def smoothing(self, prices: FloatArray, temperature: float) -> Smoothing:
+        """Prices (T, m) under log-sum-exp smoothing, and what a move weighs."""
         p, eps = self._prices(prices), float(temperature)
         return Smoothing(eps, float(np.exp(-self.window.cost / eps)), p, np.exp(-p / eps))
 
@@ -117,10 +118,14 @@ class StrictSwitching(_Switching):
     def best_paths(self, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         """Values (n,) and plan (T, n) of all agents under `prices` (T, m)."""
         p = self._prices(prices)
+        return self.best_beside(p, self.waiting(p))
+
+    def best_beside(self, prices: FloatArray, waiting: Waiting) -> tuple[FloatArray, IntArray]:
+        """The same with what waiting costs at hand."""
         values, plan = self._empty_paths()
         in_blocks(
-            kernels.strict_paths, self.window.n, self.window, self.slots, p, self._waiting(p), values, plan,
-            scratch=partial(kernels.strict_scratch, len(p), self._widest), turns=self._turns,
+            kernels.strict_paths, self.window.n, self.window, self.slots, prices, waiting, values, plan,
+            scratch=partial(kernels.strict_scratch, len(prices), self._widest), turns=self._turns,
         )  # fmt: skip
         return values - self.lost, np.ascontiguousarray(plan.T)
 
@@ -155,7 +160,7 @@ class StrictSwitching(_Switching):
         p = self._prices(prices)
         values, leave = np.empty(self.slots.task.size), np.zeros((self.window.n, len(p)))
         in_blocks(
-            rows.slot_values, self.window.n, self.window, self.slots, p, self._waiting(p), values, leave,
+            rows.slot_values, self.window.n, self.window, self.slots, p, self.waiting(p), values, leave,
             turns=self._turns,
         )  # fmt: skip
         if self.lost.any():
@@ -171,7 +176,7 @@ class StrictSwitching(_Switching):
         p = self._prices(prices)
         near = np.zeros(self.window.data.size, dtype=np.bool_)
         in_blocks(
-            narrow.near_entries, self.window.n, self.window, self.slots, p, self._waiting(p), float(regret), near,
+            narrow.near_entries, self.window.n, self.window, self.slots, p, self.waiting(p), float(regret), near,
             scratch=partial(narrow.narrow_scratch, len(p), self._widest), turns=2.0 * self._turns,
         )  # fmt: skip
         return self._with_window(len(p), narrow.kept_window(self.window, near))
@@ -196,15 +201,30 @@ class StrictSwitching(_Switching):
             found.append(block)
         return found
 
-    def _with_window(self, T: int, window: Window) -> StrictSwitching:
-        _, n, m = self._shape
+    def alone(self, agents: IntArray, cost: float) -> StrictSwitching:
+        """Some of the agents, who pay another cost for a move."""
+        T, n, _ = self._shape
+        whole = self.window
+        rows = (np.arange(T)[:, None] * n + agents).ravel()
+        counts = np.diff(whole.indptr)[rows]
+        indptr = np.concatenate([[0], np.cumsum(counts)])
+        entries = np.arange(indptr[-1]) + np.repeat(whole.indptr[rows] - indptr[:-1], counts)
+        part = Window(
+            len(agents), indptr, whole.indices[entries], whole.data[entries], cost, whole.held[agents]
+        )
         other = copy.copy(self)
-        other._shape = T, n, m
+        other.cost, other.lost = cost, (self.lost > 0)[agents] * cost
+        return other._with_window(T, part)
+
+    def _with_window(self, T: int, window: Window) -> StrictSwitching:
+        other = copy.copy(self)
+        other._shape = T, window.n, self._shape[2]
         other.window = window
         other._set_slots(self.park)
         return other
 
-    def _waiting(self, p: FloatArray) -> Waiting:
+    def waiting(self, p: FloatArray) -> Waiting:
+        """What waiting costs at prices (T, m), the same for all agents and whatever they pay for a move."""
         if not self.park:
             return self._no_waiting
         T, m = p.shape
@@ -232,31 +252,51 @@ class StrictSwitching(_Switching):
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
-        smoothing = self._smoothing(prices, temperature)
-        waiting, log_z, turns = self._no_soft_waiting, np.empty(n), 5.0 * self._turns
-        scratch = partial(soft.strict_soft_scratch, T, self._widest, self._most)
-        if self.park:
-            best = smoothing.weight[:, self._free].max(axis=1)
-            if turns < _ONE_CALL and best.min() > waits.LEAST:
+        smoothing = self.smoothing(prices, temperature)
+        if self.park and 5.0 * self._turns < _ONE_CALL:
+            best = self._best_waits(smoothing)
+            if best.min() > waits.LEAST:
                 waiting = SoftWaiting(True, True, best, np.zeros((T, T + 1)), np.zeros((T + 1, T)))
-                usage = np.zeros((T, m))
+                usage, log_z = np.zeros((T, m)), np.empty(n)
+                scratch = soft.strict_soft_scratch(T, self._widest, self._most)
                 if soft.soft_strict_round(
-                    self.window, self.slots, smoothing, self.excluded, waiting, *scratch(), soft.round_scratch(T, m),
+                    self.window, self.slots, smoothing, self.excluded, waiting, *scratch, soft.round_scratch(T, m),
                     log_z, usage,
                 ):  # fmt: skip
                     return smoothing.temperature * log_z - self.lost, usage
-            waiting = waits.waits(smoothing, best, self.excluded)
+        waiting = self.soft_waiting(smoothing)
+        values, usage, mass = self.soft_beside(smoothing, waiting)
+        self.spread(smoothing, waiting, mass, usage)
+        return values, usage
+
+    def soft_beside(
+        self, smoothing: Smoothing, waiting: SoftWaiting
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The same with what waiting weighs at hand; who waits is not in the usage yet, but counted by interval."""
+        T, n, m = self._shape
+        log_z = np.empty(n)
         usage, mass = summed_in_blocks(
             soft.soft_strict_paths, n, ((T, m), (T, T + 1)),
-            self.window, self.slots, smoothing, waiting, log_z, scratch=scratch, turns=turns,
+            self.window, self.slots, smoothing, waiting, log_z,
+            scratch=partial(soft.strict_soft_scratch, T, self._widest, self._most), turns=5.0 * self._turns,
         )  # fmt: skip
+        return smoothing.temperature * log_z - self.lost, usage, mass
+
+    def soft_waiting(self, smoothing: Smoothing) -> SoftWaiting:
+        """What waiting weighs, the same for all agents and whatever they pay for a move."""
+        if not self.park:
+            return SoftWaiting(False, True, np.ones(1), np.zeros((1, 1)), np.zeros((1, 1)))
+        return waits.waits(smoothing, self._best_waits(smoothing), self.excluded)
+
+    def spread(self, smoothing: Smoothing, waiting: SoftWaiting, mass: FloatArray, usage: FloatArray) -> None:
+        """Add the agents that wait to the usage (T, m), from their numbers by interval."""
         if self.park:
             waits.spread(smoothing, waiting, self.excluded, mass, usage)
-        return smoothing.temperature * log_z - self.lost, usage
 
-    @property
-    def _no_soft_waiting(self) -> SoftWaiting:
-        return SoftWaiting(False, True, np.ones(1), np.zeros((1, 1)), np.zeros((1, 1)))
+    def _best_waits(self, smoothing: Smoothing) -> FloatArray:
+        """Greatest weight (T,) of one task that may be waited on."""
+        best: FloatArray = smoothing.weight[:, self._free].max(axis=1)
+        return best
 
 
 class IdleFreeSwitching(_Switching):
@@ -305,7 +345,7 @@ class IdleFreeSwitching(_Switching):
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
-        smoothing = self._smoothing(prices, temperature)
+        smoothing = self.smoothing(prices, temperature)
         cheapest = cheapest_and_rest(smoothing.prices, smoothing.weight, min(m, self._count + 32))
         log_z = np.empty(n)
         usage, unlisted = summed_in_blocks(

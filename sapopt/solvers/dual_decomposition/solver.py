@@ -17,7 +17,9 @@ from sapopt.dynamics.paths.oracles import PathOracle
 from sapopt.dynamics.switching.torch_paths import KERNELS, path_oracle, torch_device
 from sapopt.formulations.bounds import largest_benefits
 from sapopt.formulations.dual import DualResult, ascend
+from sapopt.formulations.limited.building import TooLargeError
 from sapopt.formulations.limited.disturbed import needs_limits
+from sapopt.formulations.limited.folded import folded
 from sapopt.problem.result import Status
 from sapopt.problem.sap import SAP
 from sapopt.running.control import Run
@@ -40,7 +42,9 @@ from sapopt.solvers.dual_decomposition.portfolio import Portfolio
 from sapopt.solvers.dual_decomposition.repricing import repriced
 from sapopt.solvers.dual_lookahead import values_first_tasks
 from sapopt.solvers.haal import HAA
+from sapopt.solvers.limited.counted import plan_counted
 from sapopt.solvers.limited.planner import plan_limited
+from sapopt.solvers.limited.unfolding import folded_run, unfolded
 
 _DUAL_SHARE = 0.35
 """Share of a time limit after which the first ascent yields to the search for plans."""
@@ -134,7 +138,7 @@ class DualDecomposition:
     def plan(self, problem: SAP, run: Run) -> Outcome:
         """Find a plan and a bound; a time limit, the callback or an interruption ends with the best of both."""
         if needs_limits(problem):
-            return plan_limited(problem, run, self.tolerance, self.name)
+            return self._limited(problem, run)
         search = self._begin(problem, run)
         status = Status.FEASIBLE
         try:
@@ -151,6 +155,18 @@ class DualDecomposition:
             status = Status.TIME_LIMIT
         bound = float(search.bound) if math.isfinite(search.bound) else None
         return Outcome(search.best, status, bound, search.prices, search.trace)
+
+    def _limited(self, problem: SAP, run: Run) -> Outcome:
+        """Over the graph of all that agents can do; where that is too large, as a plain problem if there is one."""
+        try:
+            return plan_limited(problem, run, self.tolerance, self.name)
+        except TooLargeError:
+            plain = folded(problem)
+            if plain is None:
+                raise
+        if not plain.is_plain:
+            return plan_counted(plain, run, self.tolerance, self.name)
+        return unfolded(plain, self.plan(plain.problem, folded_run(plain, run)), self.tolerance)
 
     def exercise(self, problem: SAP, run: Run) -> None:
         """Do once what every long run does, proven or not: on a small problem that compiles its kernels."""

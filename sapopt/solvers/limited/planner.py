@@ -20,7 +20,7 @@ from sapopt.formulations.limited.ascent import Ascent
 from sapopt.formulations.limited.building import path_graph, tightened
 from sapopt.formulations.limited.conflict import explain
 from sapopt.formulations.limited.disturbed import untangled
-from sapopt.formulations.limited.dual import LimitedDual
+from sapopt.formulations.limited.dual import LimitedDual, Prices
 from sapopt.formulations.limited.graph import PathGraph
 from sapopt.formulations.limited.programme import limited_programme
 from sapopt.formulations.limited.useful import tidied
@@ -64,7 +64,7 @@ _PROGRAMME_SHARE = 0.5
 
 
 @dataclass
-class _Search:
+class Search:
     """What is known so far."""
 
     problem: SAP
@@ -134,7 +134,7 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
     given, problem = problem, untangled(problem, exact=True)
     whole = path_graph(problem, tight=False)
     graph = tightened(whole)
-    search = _Search(problem, run, name, tolerance)
+    search = Search(problem, run, name, tolerance)
     if given is not problem:
         _react(search, given)
     if run.start is not None:
@@ -159,10 +159,10 @@ def plan_limited(problem: SAP, run: Run, tolerance: float, name: str) -> Outcome
         _programmes(search, graph, whole, dual)
     except KeyboardInterrupt:
         run.stopped = True
-    return _outcome(search, proven)
+    return outcome_of(search, proven.prices)
 
 
-def _react(search: _Search, problem: SAP) -> None:
+def _react(search: Search, problem: SAP) -> None:
     """A plan in which the agents react to each other's losses, step by step."""
     part = search.run.part(_REACTION_SHARE * search.run.seconds_left)
     with contextlib.suppress(ValueError):  # limits that nobody can promise to keep who decides step by step
@@ -170,7 +170,7 @@ def _react(search: _Search, problem: SAP) -> None:
     search.run.stopped = search.run.stopped or part.stopped
 
 
-def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
+def _from_prices(search: Search, graph: PathGraph, dual: LimitedDual) -> None:
     """A plan by prices, step by step, and better ones from it, part by part."""
     run, rows = search.run, search.problem.rows
     scale = graph.scale
@@ -187,7 +187,7 @@ def _from_prices(search: _Search, graph: PathGraph, dual: LimitedDual) -> None:
     _by_parts(search, graph, plan, loss, elastic)
 
 
-def _by_parts(search: _Search, graph: PathGraph, plan: IntArray, loss: FloatArray, elastic: float) -> None:
+def _by_parts(search: Search, graph: PathGraph, plan: IntArray, loss: FloatArray, elastic: float) -> None:
     """Better plans from a plan, part by part."""
     run = search.run
     share = _WHOLE_SHARE if _SMALL < graph.arcs <= _WHOLE_ARCS else _PART_SHARE
@@ -211,7 +211,7 @@ def _promising(graph: PathGraph, plan: IntArray, loss: FloatArray) -> tuple[Path
     return graph.restricted(keep), loss[keep]
 
 
-def _programmes(search: _Search, graph: PathGraph, full: PathGraph, dual: LimitedDual) -> None:
+def _programmes(search: Search, graph: PathGraph, full: PathGraph, dual: LimitedDual) -> None:
     rows, run = search.problem.rows, search.run
     loss = graph.through(graph.priced(dual.prices.effective(rows), dual.prices.limits))
     allowed = _FIRST_LOSS * graph.scale
@@ -248,7 +248,14 @@ def _programmes(search: _Search, graph: PathGraph, full: PathGraph, dual: Limite
         allowed *= 4.0
 
 
-def _outcome(search: _Search, dual: LimitedDual) -> Outcome:
+def outcome_of(search: Search, prices: Prices) -> Outcome:
+    """What was found, with the prices that prove its bound.
+
+    Raises
+    ------
+    SolverError
+        If no plan was found.
+    """
     run = search.run
     if search.best is None:
         raise SolverError(f"{search.name} found no plan in {run.seconds:.3g} s; give it more time")
@@ -259,5 +266,5 @@ def _outcome(search: _Search, dual: LimitedDual) -> Outcome:
     else:
         status = Status.TIME_LIMIT if run.expired else Status.FEASIBLE
     bound = float(max(search.bound, search.value)) if np.isfinite(search.bound) else None
-    outcome = Outcome(search.best, status, bound, dual.prices.tasks, search.trace)
-    return replace(outcome, limit_prices=dual.prices.limits, team_prices=dual.prices.teams)
+    outcome = Outcome(search.best, status, bound, prices.tasks, search.trace)
+    return replace(outcome, limit_prices=prices.limits, team_prices=prices.teams)

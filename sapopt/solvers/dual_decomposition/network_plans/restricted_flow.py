@@ -9,11 +9,11 @@ Lagrangian bound and the relaxation of this flow agree, it is nearly integral.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, vstack
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import Programme, SolverError, maximise
@@ -256,6 +256,7 @@ def solve_flow(
     gap: float = 1e-6,
     seconds: float = np.inf,
     stop: Callable[[], object] = lambda: False,
+    limits: tuple[Any, FloatArray] | None = None,
 ) -> IntArray | None:
     """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none.
 
@@ -269,9 +270,17 @@ def solve_flow(
         Time limit.
     stop : callable
         Asked now and then; a true answer ends the search with the best flow so far.
+    limits : (sparse array of shape (rows, arcs), ndarray of shape (rows,)), optional
+        Further rows that the plan keeps: sums of arcs, and how great they may be.
     """
     starts = flow.tail < 0
     programme, agents = _programme(flow, tasks)
+    if limits is not None:
+        rows, most = limits
+        programme = replace(
+            programme, rows=vstack([programme.rows, rows], format="csc"), high=np.append(programme.high, most),
+            low=np.append(programme.low, np.full(len(most), -np.inf)),
+        )  # fmt: skip
     held = plan[flow.step, flow.agent] == flow.task
     chosen = held[flow.head] & (starts | held[np.maximum(flow.tail, 0)])
     try:
