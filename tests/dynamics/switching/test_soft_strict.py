@@ -116,7 +116,7 @@ def test_prices_beyond_floats_take_the_logarithms() -> None:
     assert oracle.park
     prices = np.where(np.arange(m) % T == np.arange(T)[:, None], 0.0, 3.0)
     temperature = 0.005
-    smoothing = oracle._smoothing(prices, temperature)
+    smoothing = oracle.smoothing(prices, temperature)
     assert not soft_waits.waits(smoothing, smoothing.weight.max(axis=1), oracle.excluded).linear
     values, _ = oracle.soft_paths(prices, temperature)
     assert values == pytest.approx(written_out(oracle, prices, temperature), rel=1e-9)
