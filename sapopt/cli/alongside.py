@@ -23,8 +23,8 @@ log = logging.getLogger(__name__)
 Job = tuple[str, warming.Part]
 """A name for the user, and what is warmed up."""
 
-_COLD = 0.5
-"""Seconds of compiling after which the cache counts as empty: starting a process takes about a second."""
+_COLD = 0.2
+"""Seconds of compiling after which the cache counts as empty: as long as a small kernel takes."""
 _PAUSE = 0.05
 
 

@@ -89,6 +89,11 @@ class Kernel:
         return self._dispatcher
 
     @property
+    def targetoptions(self) -> dict[str, Any]:
+        """Where numba looks whether a kernel with ``inline="always"`` is to be part of the one that calls it."""
+        return self.options
+
+    @property
     def _numba_type_(self) -> Any:
         """How other kernels see this one."""
         return self.dispatcher._numba_type_
@@ -131,6 +136,10 @@ def njit(
     """
     if borrows:
         options["_nrt"] = False
+    if options.get("no_cpython_wrapper"):
+        # A helper never holds the lock that `nogil` lets go; without that option it shares what numba has compiled for
+        # its own functions (np.empty, np.zeros, max), of which there is one copy for each set of options.
+        options.pop("nogil", None)
 
     def decorate(function: Callable[..., Any]) -> Kernel:
         kernel = Kernel(function, small, options)

@@ -141,7 +141,8 @@ def search(nodes, plain, charged, prices, root, k, stop, cost, idle_is_free, ord
     return FOUND, nodes.state[(k + first) % ring, child].astype(np.int64), solved
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True)
+# Part of `search` for the compiler: it would optimise all that is called here once more for a function of its own.
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, inline="always")
 def _last_intervals(nodes, before, k, stop, problem, budget):
     """Solve the intervals that end at `stop` or one step before it, as long as one may be part of the best sequence.
 

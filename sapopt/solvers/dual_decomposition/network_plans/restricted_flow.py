@@ -65,7 +65,8 @@ def marginals(rows, i, prices, first, last, before, after, local, tasks, benefit
     by_pair = rows.matrix.shape[0] > 0
     for k in range(first, last):
         row = benefit[k - first]
-        row[:m] = 0.0
+        for c in range(m):
+            row[c] = 0.0
         for q in range(indptr[k * n + i], indptr[k * n + i + 1]):
             if local[indices[q]] >= 0:
                 row[local[indices[q]]] = data[q]
@@ -125,8 +126,10 @@ def near_optimal(rows, agents, plan, prices, initial, first, last, until, regret
     """
     steps, m = prices.shape
     length = until - first
-    forward, backward, benefit = np.zeros((length, m)), np.zeros((length, m)), np.zeros((length, m))
-    local, tasks = -np.ones(m, np.int64), np.zeros(m, np.int64)
+    forward, backward, benefit = np.empty((length, m)), np.empty((length, m)), np.empty((length, m))
+    local, tasks = np.empty(m, np.int64), np.empty(m, np.int64)
+    for j in range(m):  # one loop compiles in a fraction of the time of an expression of arrays
+        local[j] = -1
     c_agent, c_step, c_task = np.empty(1024, np.int64), np.empty(1024, np.int64), np.empty(1024, np.int64)
     a_tail, a_head, a_value = np.empty(1024, np.int64), np.empty(1024, np.int64), np.empty(1024)
     cells = arcs = 0
