@@ -6,7 +6,8 @@ those of the plain problem with a cost for each agent, and for any prices and mu
     sum_i (path_i at cost + y_i) + sum mu + sum_i H_i y_i  >=  optimum.
 
 Prices and multipliers are improved by turns: the prices by the ascent of the plain problem, each multiplier by a search
-for the one at which its agent's best path keeps the limit. It goes but half the way there, for the prices answer it.
+for the one at which its agent's best path keeps the limit. After the first turn it goes but half the way there, for the
+prices answer it.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ _GRID = 0.02
 """Multipliers are whole multiples of this share of the typical benefit, so that many agents pay the same."""
 _FIRST, _LATER = 150, 40
 """Iterations of the first ascent, and of those after every change of the multipliers."""
+_DAMPED = 0.5
+"""Share of the way to its best that a multiplier goes at a turn, the first turn aside."""
 _DOUBLINGS = 20
 """Of the greatest multiplier that is tried."""
 _QUIET = 4
@@ -120,7 +123,7 @@ def descend(
     `stop_at` is a time of `sapopt.kernels.clock.now`.
     """
     best: FoldedDual | None = None
-    quiet = iterations = 0
+    quiet, iterations, first = 0, 0, True
     dearer = np.zeros(folded.problem.n)
     while True:
         before = math.inf if best is None else best.bound
@@ -149,7 +152,9 @@ def descend(
             return best
         prices = here.prices
         wanted = _multipliers(folded, paths, prices)
-        dearer = np.where(folded.row >= 0, paths.grid * np.rint(0.5 * (dearer + wanted) / paths.grid), 0.0)
+        wanted = dearer + (1.0 if first else _DAMPED) * (wanted - dearer)
+        dearer = np.where(folded.row >= 0, paths.grid * np.rint(wanted / paths.grid), 0.0)
+        first = False
 
 
 def _multipliers(folded: Folded, paths: FoldedPaths, prices: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ _RISE = 0.02
 """By which a multiplier rises after a round for every take-up that is too much, in typical benefits."""
 _EVERY = 4
 """Rounds between two repairs."""
-_FREE_SHARE, _FREE_ROUNDS = 0.5, 24
+_FREE_SHARE, _FREE_ROUNDS = 0.75, 40
 """Share of the time after the prices, and most rounds, in which plans may have too many take-ups."""
 _QUIET = 6
 """Rounds of plans within the limits without a better one after which the search ends."""
