@@ -3,11 +3,12 @@
     python -m experiments.satnet FILE [--week W10_2018] [--requests 60] [--minutes 30] [--arrays] [--seconds 20]
                                       [--out results/satnet]
 
-FILE is problems.json of the benchmark, or a part of it: weeks, or one request alone. Time is cut into steps of half an
-hour, or of `--minutes`. Set-up and tear-down and the hours wanted are rounded up to steps; a spacecraft counts as in
-view at the steps that lie wholly in a view period. A request is served once, by one antenna, for the hours that it
-wants, or for fewer, down to the least that it takes. With `--arrays`, it may be served by the antennas of an array that
-begin together (`sapopt.Team`); requests that need an array are left out otherwise. The value is the hours served.
+FILE is problems.json of the benchmark, or a part of it: weeks, or one request alone. Time is cut into steps of half
+an hour, or of `--minutes`, which begin at the full hours (UTC). Set-up and tear-down and the hours wanted are rounded
+up to steps; a spacecraft counts as in view at the steps that lie wholly in a view period. A request is served once, by
+one antenna, for the hours that it wants, or for fewer, down to the least that it takes. With `--arrays`, it may be
+served by the antennas of an array that begin together (`sapopt.Team`); requests that need an array are left out
+otherwise. The value is the hours served.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def space_of(requests: list[dict[str, Any]], arrays: bool, step_s: int = 1800) -
         for p in views
     ]
     antennas = sorted({a for form in forms for a in form[2]})
-    begin = min(on for on, _ in periods)
+    begin = step_s * math.floor(min(on for on, _ in periods) / step_s)
     T = math.ceil((max(off for _, off in periods) - begin) / step_s)
     view = np.zeros((T, len(antennas), len(forms)), dtype=bool)
     needs, length = np.ones(len(forms), dtype=np.int64), np.zeros(len(forms), dtype=np.int64)

@@ -92,6 +92,15 @@ def test_satnet_by_hand(tmp_path: Path) -> None:
         satnet.space_of(satnet.read_week(path), arrays=False)
 
 
+def test_satnet_steps_begin_at_the_full_hour() -> None:
+    """A view from ten minutes past the hour on is used from the half hour on; the set-up takes the step before."""
+    wish = request({"DSS-1": [(1 / 3, 10 / 3)]})
+    space = satnet.space_of([wish], arrays=False)
+    assert space.begins[:, 0, 0].tolist() == [True, False, False, False]
+    wish = request({"DSS-1": [(1 / 3, 12 / 3)]})
+    assert satnet.space_of([wish], arrays=False).begins[:, 0, 0].tolist() == [True, True, False, False]
+
+
 @pytest.mark.parametrize(
     ("told", "said"),
     [
