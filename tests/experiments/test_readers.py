@@ -37,6 +37,8 @@ def test_eos_by_hand(tmp_path: Path) -> None:
     near += "0,9,2023/01/01 00:31:30,2023/01/01 00:32:00\n"
     alone = eos.problem_of(eos.read_instance(eos_folder(tmp_path, TaskTimeWins=near)))
     assert solve(alone, Exact()).value == pytest.approx(2.0)  # 30 s between them are too few
+    by_minute = eos.problem_of(eos.read_instance(tmp_path), by_minute=True)
+    assert solve(by_minute, Exact()).value == pytest.approx(2.0 + 1.0 + 0.5 * (1 - 29 / 60))
 
 
 @pytest.mark.parametrize(
