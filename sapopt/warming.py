@@ -32,7 +32,14 @@ class Others:
     solver: DualDecomposition
 
 
-Part = Solver | Others | None
+@dataclass(frozen=True)
+class Windows:
+    """The exact windows, by which a run of `DualDecomposition` improves its plans: likewise."""
+
+    solver: DualDecomposition
+
+
+Part = Solver | Others | Windows | None
 """A solver, a part of its work, or the bound (None)."""
 
 
@@ -58,6 +65,9 @@ def warm_up(problem: SAP, solver: Part) -> None:
         return
     if isinstance(solver, Others):
         solver.solver.exercise_others(small, Run(time_limit=_SECONDS))
+        return
+    if isinstance(solver, Windows):
+        solver.solver.exercise_windows(small, Run(time_limit=_SECONDS))
         return
     if isinstance(solver, DualDecomposition) and problem.is_plain:
         solver.exercise(small, Run(time_limit=_SECONDS))

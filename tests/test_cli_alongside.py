@@ -9,9 +9,12 @@ from multiprocessing import active_children
 import pytest
 
 from sapopt import warming
-from sapopt.cli import alongside
+from sapopt.cli import alongside, work
+from sapopt.cli.progress import Reporter
 from sapopt.domains.instances import instance
-from sapopt.solvers import HAA, HAAL
+from sapopt.problem.sap import SAP
+from sapopt.solvers import HAA, HAAL, DualDecomposition, DualLookahead
+from sapopt.solvers.names import NamedSolver
 
 
 def _jobs() -> deque[alongside.Job]:
@@ -69,3 +72,28 @@ def test_a_problem_that_cannot_be_sent_gets_no_help(monkeypatch: pytest.MonkeyPa
     with alongside.helped(lambda: None, todo):  # type: ignore[arg-type]
         time.sleep(1.5)
     assert len(todo) == 3
+
+
+def test_windows_are_a_job_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What DualDecomposition does last is compiled apart from it, and begun before the job ahead of it."""
+    done: list[str] = []
+
+    def note(problem: SAP, part: warming.Part) -> None:
+        done.append(type(part).__name__)
+
+    monkeypatch.setattr(warming, "warm_up", note)
+    solvers = [
+        NamedSolver("haa", HAA()),
+        NamedSolver("lookahead", DualLookahead(3)),
+        NamedSolver("dual", DualDecomposition()),
+    ]
+    with Reporter() as reporter:
+        work.warm_up(instance("constellation-toy"), solvers, reporter)
+    assert done == ["HAA", "Windows", "DualLookahead", "DualDecomposition", "NoneType"]
+
+
+def test_windows_alone() -> None:
+    """Windows are made without what comes before them, also where there are no networks to make them of."""
+    for name in ("constellation-toy", "attitude"):
+        small = warming.first_steps(instance(name))
+        warming.warm_up(small, warming.Windows(DualDecomposition()))

@@ -24,6 +24,7 @@ from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound
 from sapopt.running.control import Callback, Progress, Run, interruptible
 from sapopt.running.display import describe
+from sapopt.solvers.dual_decomposition import DualDecomposition
 from sapopt.solvers.names import NamedSolver, nearest
 
 
@@ -75,7 +76,12 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
     """Compile what the solvers and the bound need, so that no time reported contains it."""
     small = warming.first_steps(problem)
     # What a run turns to later, if at all, is compiled then: it is as much as all the rest, and the clock stands still.
-    jobs: list[Job] = [(named.name, named.solver) for named in shortened(solvers, small.T)]
+    jobs: list[Job] = []
+    for name, solver in ((named.name, named.solver) for named in shortened(solvers, small.T)):
+        if isinstance(solver, DualDecomposition) and small.is_plain:
+            # A good part of this one, and its last: begun a job earlier, it is there when it is needed.
+            jobs.insert(max(len(jobs) - 1, 0), (f"{name}, windows", warming.Windows(solver)))
+        jobs.append((name, solver))
     jobs.append(("bound", None))
     todo = deque(jobs)
     done: list[str] = []

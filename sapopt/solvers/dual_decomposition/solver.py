@@ -182,13 +182,26 @@ class DualDecomposition:
         """Do once what a long run turns to where windows and sweeps no longer pay: dives and exchanges."""
         if needs_limits(problem):
             return
-        search = self._begin(problem, run)
+        search = self._begin_without_prices(problem, run)
         search.portfolio.always = True
-        search.prices = np.zeros((problem.T, problem.model.price_columns(problem.n, problem.m)))
         for way in search.portfolio.others:
             for _ in search.offered(way.improve(search)):
                 if run.expired:
                     return
+
+    def exercise_windows(self, problem: SAP, run: Run) -> None:
+        """Improve a plan once as `exercise` does at its end: what that takes longest to compile."""
+        if needs_limits(problem):
+            return
+        search = self._begin_without_prices(problem, run)
+        for _ in search.offered(search.builder.improve(search, 0)):
+            if run.expired:
+                return
+
+    def _begin_without_prices(self, problem: SAP, run: Run) -> _Search:
+        search = self._begin(problem, run)
+        search.prices = np.zeros((problem.T, problem.model.price_columns(problem.n, problem.m)))
+        return search
 
     def _begin(self, problem: SAP, run: Run) -> _Search:
         largest = max(largest_benefits(problem))
