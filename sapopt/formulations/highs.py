@@ -176,7 +176,17 @@ def maximise(
             return Answer(Ending.TIME_LIMIT, None, -np.inf, np.inf)
         solver.setOptionValue("time_limit", left)
     interrupted = _run(solver, programme.offset, watch, stop_at)
-    return _answer(highspy, solver, programme, relaxed, interrupted, cutoff)
+    answer = _answer(highspy, solver, programme, relaxed, interrupted, cutoff)
+    if start is None or relaxed or answer.ending is not Ending.OPTIMAL or answer.nodes > 0:
+        return answer
+    # Where presolving leaves an objective of nothing but zeros, HiGHS 1.15 takes all values for whole numbers, and so a
+    # start less than one below the optimum for optimal, before the first node. Without a start it does not.
+    again = maximise(
+        programme, seconds=stop_at - time.monotonic(), tolerance=tolerance, cutoff=cutoff, watch=watch, options=options
+    )  # fmt: skip
+    if again.x is not None and again.value >= answer.value:
+        return again
+    return replace(again, x=answer.x, value=answer.value, bound=max(again.bound, answer.value))
 
 
 def objective_factor(gain: FloatArray) -> float:

@@ -39,6 +39,10 @@ TOLERANCE = Fraction(1, 10**9)
 """Of optimal values, in parts of the largest sum; values and bounds are held to a thousandth of it."""
 
 
+FOUND = (14612,)
+"""Seeds of `cases.problem`."""
+
+
 def attack(seed: int, counts: Counter[str], planners: bool) -> list[str]:
     """One problem of `cases`, see `check`."""
     name, problem, definition = cases.problem(seed)
@@ -137,6 +141,13 @@ def test_quick() -> None:
     assert not faults, "\n".join(faults)
     assert counts["problems"] > 100
     assert counts["optima"] > 50
+
+
+@pytest.mark.parametrize("seed", FOUND)
+def test_found(seed: int) -> None:
+    """Problems at which something was false once."""
+    faults = attack(seed, Counter(), planners=True)
+    assert not faults, "\n".join(faults)
 
 
 @pytest.mark.slow

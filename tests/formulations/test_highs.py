@@ -23,6 +23,26 @@ def packing(seed: int, rows: int = 12, columns: int = 30) -> Programme:
     )
 
 
+@pytest.mark.parametrize("unit", [0.5, 1.0, 300.0, 4000.0])
+@pytest.mark.parametrize("rest", [0.0, 1.0])
+def test_a_start_is_not_taken_for_optimal(unit: float, rest: float) -> None:
+    """One of two, and places for two others that are all worth the same: the start has the worse of the two."""
+    choice, places = np.eye(2).repeat(4, axis=1), np.tile(np.eye(4), 2)
+    rows = np.zeros((7, 10))
+    rows[0, :2], rows[1:3, 2:], rows[3:, 2:] = 1.0, choice, places
+    low = np.array([1.0] * 3 + [-np.inf] * 4)
+    gain = unit * np.array([0.9, 0.8999] + [rest] * 8)
+    programme = Programme(gain, rows, low, np.ones(7), np.ones(10), np.ones(10, dtype=bool))
+    start = np.zeros(10)
+    start[[1, 2, 7]] = 1.0
+    answer = maximise(programme, start=start)
+    assert answer.ending is Ending.OPTIMAL
+    assert answer.value == pytest.approx(unit * (0.9 + 2 * rest), rel=1e-9)
+    assert answer.bound >= answer.value
+    assert answer.x is not None
+    assert answer.x[0] == pytest.approx(1.0)
+
+
 def test_writing_a_programme_down_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """When handing a programme over took all the time, HiGHS is not started any more."""
     clock = [0.0]
