@@ -66,7 +66,7 @@ def counted_sweep(order, window, most, closed, prices, plan, scratch):
         held = window.held[i]
         layers, down = most[i] + 1, 1
         if most[i] >= T:
-            layers, down = most[i] - most[i] + 1, 0
+            layers, down = most[i] - most[i] + 1, 0  # a layer, as a number of the same type
         for k in range(T):
             closed[k, plan[k, i]] = prices[k, plan[k, i]]
         for h in range(layers):
