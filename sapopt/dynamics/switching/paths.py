@@ -253,7 +253,7 @@ class StrictSwitching(_Switching):
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
         smoothing = self.smoothing(prices, temperature)
-        if self.park and 5.0 * self._turns < _ONE_CALL:
+        if self.park and not self.excluded.all() and 5.0 * self._turns < _ONE_CALL:
             best = self._best_waits(smoothing)
             if best.min() > waits.LEAST:
                 waiting = SoftWaiting(True, True, best, np.zeros((T, T + 1)), np.zeros((T + 1, T)))
@@ -286,6 +286,9 @@ class StrictSwitching(_Switching):
         """What waiting weighs, the same for all agents and whatever they pay for a move."""
         if not self.park:
             return SoftWaiting(False, True, np.ones(1), np.zeros((1, 1)), np.zeros((1, 1)))
+        if self.excluded.all():  # there is nothing to wait on
+            T = self._shape[0]
+            return SoftWaiting(True, True, np.ones(T), np.zeros((T, T + 1)), np.zeros((T + 1, T)))
         return waits.waits(smoothing, self._best_waits(smoothing), self.excluded)
 
     def spread(self, smoothing: Smoothing, waiting: SoftWaiting, mass: FloatArray, usage: FloatArray) -> None:
