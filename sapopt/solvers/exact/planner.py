@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -115,7 +115,11 @@ class Exact:
             )
             return DualDecomposition(tolerance=max(self.tolerance, 1e-9)).plan(problem, run)
         state = search.solve(problem, run, self.tolerance, self.reduced_costs)
-        return self._outcome(problem, run, state.best, state.bound, state.trace, state.prices)
+        found = self._outcome(problem, run, state.best, state.bound, state.trace, state.prices)
+        if found.status is Status.FEASIBLE and run.time_limit is not None:
+            # Nothing is begun that takes longer to write down than there is time: that ends the search too.
+            return replace(found, status=Status.TIME_LIMIT)
+        return found
 
     def _programme(self, problem: SAP, run: Run) -> Outcome:
         """One mixed-integer programme, handed to HiGHS as it is."""
