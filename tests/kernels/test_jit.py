@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 import importlib.util
 import inspect
@@ -169,6 +170,30 @@ def test_the_compiler_is_timed_and_told_of(
     )
     assert len(heard) == 1
     assert [record.message for record in caplog.records if record.name == clock.__name__] == heard
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_the_compiler_is_not_held_up_by_the_collector(
+    source: Path, monkeypatch: pytest.MonkeyPatch, collects: bool
+) -> None:
+    """No garbage is collected while a kernel is compiled; afterwards it is as before."""
+    seen: list[bool] = []
+    ends = clock.compiler_ends
+
+    def told() -> None:
+        seen.append(gc.isenabled())
+        ends()
+
+    monkeypatch.setattr(clock, "compiler_ends", told)
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(source.parent / "cache"))
+    before = gc.isenabled()
+    (gc.enable if collects else gc.disable)()
+    try:
+        load(source, monkeypatch).total(np.ones(20))
+        assert gc.isenabled() == collects
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert seen and not any(seen)
 
 
 def _is_slice(target: ast.expr) -> bool:
