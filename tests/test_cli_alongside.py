@@ -21,6 +21,10 @@ def _jobs() -> deque[alongside.Job]:
     return deque([("haa", HAA()), ("haal", HAAL(2)), ("bound", None)])
 
 
+def _small() -> SAP:
+    return warming.first_steps(instance("constellation-toy"))
+
+
 def _compiling(monkeypatch: pytest.MonkeyPatch) -> None:
     began = time.perf_counter()
     monkeypatch.setattr(alongside, "compile_seconds", lambda: time.perf_counter() - began)
@@ -38,7 +42,7 @@ def test_nobody_is_started_while_nothing_is_compiled(monkeypatch: pytest.MonkeyP
     """With everything in the cache all jobs are left to the caller."""
     monkeypatch.setattr(alongside, "compile_seconds", lambda: 0.0)
     todo = _jobs()
-    with alongside.helped(warming.first_steps(instance("constellation-toy")), todo):
+    with alongside.Helpers() as helpers, helpers.helped(_small(), todo):
         time.sleep(0.2)
         assert len(todo) == 3
 
@@ -47,9 +51,36 @@ def test_helpers_take_from_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once this process compiles, a helper takes the last job, and the others when the common kernels are there."""
     _compiling(monkeypatch)
     todo = _jobs()
-    with alongside.helped(warming.first_steps(instance("constellation-toy")), todo) as common:
+    with alongside.Helpers() as helpers, helpers.helped(_small(), todo) as common:
         _wait_until_one_is_taken(todo)
         common.set()
+    assert not todo
+    assert not active_children()
+
+
+def test_a_helper_is_called_up_before_there_is_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As soon as anything is compiled a process starts; it ends with the command if there is never anything to do."""
+    _compiling(monkeypatch)
+    with alongside.Helpers():
+        until = time.monotonic() + 60.0
+        while not active_children() and time.monotonic() < until:
+            time.sleep(0.02)
+        assert len(active_children()) == 1
+    assert not active_children()
+
+
+def test_an_interrupt_waits_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the block ends by Ctrl-C, what helpers have taken is given up and nothing more is begun."""
+    _compiling(monkeypatch)
+    todo = _jobs()
+
+    def interrupted() -> None:
+        with alongside.Helpers() as helpers, helpers.helped(_small(), todo):
+            _wait_until_one_is_taken(todo)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert not todo
     assert not active_children()
 
@@ -58,7 +89,7 @@ def test_a_helper_that_dies_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -
     """A helper that is killed leaves its job undone, and the block ends all the same."""
     _compiling(monkeypatch)
     todo = _jobs()
-    with alongside.helped(warming.first_steps(instance("constellation-toy")), todo):
+    with alongside.Helpers() as helpers, helpers.helped(_small(), todo):
         _wait_until_one_is_taken(todo)
         for child in active_children():
             child.kill()
@@ -69,7 +100,7 @@ def test_a_problem_that_cannot_be_sent_gets_no_help(monkeypatch: pytest.MonkeyPa
     """Where a process cannot be started, everything is left to the caller, without a word."""
     _compiling(monkeypatch)
     todo = _jobs()
-    with alongside.helped(lambda: None, todo):  # type: ignore[arg-type]
+    with alongside.Helpers() as helpers, helpers.helped(lambda: None, todo):  # type: ignore[arg-type]
         time.sleep(1.5)
     assert len(todo) == 3
 
@@ -87,8 +118,8 @@ def test_windows_are_a_job_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None
         NamedSolver("lookahead", DualLookahead(3)),
         NamedSolver("dual", DualDecomposition()),
     ]
-    with Reporter() as reporter:
-        work.warm_up(instance("constellation-toy"), solvers, reporter)
+    with Reporter() as reporter, alongside.Helpers() as helpers:
+        work.warm_up(instance("constellation-toy"), solvers, reporter, helpers)
     assert done == ["HAA", "Windows", "DualLookahead", "DualDecomposition", "NoneType"]
 
 

@@ -28,78 +28,115 @@ _COLD = 0.2
 _PAUSE = 0.05
 
 
-@contextmanager
-def helped(problem: SAP, todo: deque[Job]) -> Iterator[threading.Event]:
-    """Within the block, once this process compiles, others take jobs from the end of `todo`.
+class Helpers:
+    """The processes of a command that compile along; a context manager, at whose end all of them are gone.
 
-    They leave compiled code in the cache. The block gets an event: it sets it when the kernels that all methods share
-    are compiled, and only then do the others go beyond their first job. A job that they have taken is done at the end
-    of the block, or not at all if a process fails: then whoever needs the code compiles it, as without help.
+    One is called up as soon as this process compiles anything, say to build the problem: it takes a while to start, and
+    is there when there is work.
     """
-    helpers = _Helpers(problem, todo)
-    starter = threading.Thread(target=helpers.start_when_cold, daemon=True)
-    starter.start()
-    try:
-        yield helpers.common
-        helpers.finished.set()
-        helpers.common.set()
-        starter.join()
-        for thread in helpers.threads:
-            thread.join()
-    finally:
-        helpers.finished.set()
-        helpers.common.set()
-        starter.join()
-        for process in helpers.processes:
+
+    def __init__(self) -> None:
+        self._given = threading.Event()  # there is work
+        self._finished = threading.Event()
+        self._common = threading.Event()  # what the methods have in common is compiled
+        self._problem: SAP | None = None
+        self._todo: deque[Job] = deque()
+        self._processes: list[tuple[SpawnProcess, Connection]] = []
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> Helpers:
+        self._watcher.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._finished.set()
+        self._given.set()
+        self._common.set()
+        self._terminate()  # whoever waits for a job that a process has taken hears of it
+        self._watcher.join()
+        self._dismiss()
+
+    @contextmanager
+    def helped(self, problem: SAP, todo: deque[Job]) -> Iterator[threading.Event]:
+        """Within the block, once this process has compiled anything, others take jobs from the end of `todo`.
+
+        They leave compiled code in the cache. The block gets an event: it sets it when the kernels that all methods
+        share are compiled, and only then do the others go beyond their first job. A job that they have taken is done at
+        the end of the block, or not at all if a process fails: then whoever needs the code compiles it, as without
+        help. There is one such block.
+        """
+        self._problem, self._todo = problem, todo
+        self._given.set()
+        try:
+            yield self._common
+        except BaseException:
+            todo.clear()  # nothing more is begun, nor waited for
+            raise
+        self._finished.set()
+        self._common.set()
+        self._watcher.join()
+        self._dismiss()
+
+    def _terminate(self) -> None:
+        for process, _ in self._processes:
             process.terminate()
+
+    def _dismiss(self) -> None:
+        self._terminate()
+        for process, end in self._processes:
             process.join()
-        for end in helpers.ends:
             end.close()
+        self._processes = []
 
-
-class _Helpers:
-    def __init__(self, problem: SAP, todo: deque[Job]) -> None:
-        self.problem = problem
-        self.todo = todo
-        self.finished = threading.Event()
-        self.common = threading.Event()  # what the methods have in common is compiled
-        self.processes: list[SpawnProcess] = []
-        self.threads: list[threading.Thread] = []
-        self.ends: list[Connection] = []
-
-    def start_when_cold(self) -> None:
-        """Wait until this process has compiled for a while, and start the others."""
+    def _watch(self) -> None:
+        """Wait until this process has compiled for a while and there is work, and hand it out until all is done."""
         begun = compile_seconds()
         while compile_seconds() - begun < _COLD:
-            if self.finished.wait(_PAUSE):
+            if self._finished.wait(_PAUSE):
                 return
+        if thread_count() < 2 or not self._call_up():
+            return
+        self._given.wait()
+        while len(self._processes) < min(thread_count() - 1, len(self._todo)) and self._call_up():
+            pass
+        threads = [
+            threading.Thread(target=self._hand_out, args=(end,), daemon=True) for _, end in self._processes
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    def _call_up(self) -> bool:
+        """Start a process; False if there is none to be had."""
         # spawn: children of this process's own interpreter, whatever threads it may have
         context = multiprocessing.get_context("spawn")
-        for _ in range(min(thread_count() - 1, len(self.todo))):
-            here, there = context.Pipe()
-            process = context.Process(target=_work, args=(there, self.problem), daemon=True)
-            try:
-                process.start()
-            except Exception as error:  # no process to be had, or a problem that cannot be sent to one
-                log.info("kernels are compiled without help: %s", error)
-                return
-            there.close()
-            thread = threading.Thread(target=self._hand_out, args=(here,), daemon=True)
-            thread.start()
-            self.ends.append(here)
-            self.processes.append(process)
-            self.threads.append(thread)
+        here, there = context.Pipe()
+        process = context.Process(target=_work, args=(there,), daemon=True)
+        try:
+            process.start()
+        except Exception as error:
+            log.info("kernels are compiled without help: %s", error)
+            return False
+        there.close()
+        self._processes.append((process, here))
+        return True
 
     def _hand_out(self, end: Connection) -> None:
         """Give one job after another to a process.
 
         All methods have the assignment kernel in common, which this process is about to compile; the bound has not.
         """
+        try:
+            end.send(self._problem)
+        except Exception as error:  # a problem that cannot be sent, or the process has ended
+            log.info("kernels are compiled without help: %s", error)
+            return
         for turn in count():
             if turn > 0:
-                self.common.wait()
+                self._common.wait()
             try:
-                job = self.todo.pop()
+                job = self._todo.pop()
             except IndexError:
                 return
             try:
@@ -110,14 +147,15 @@ class _Helpers:
                 return
 
 
-def _work(end: Connection, problem: SAP) -> None:
-    """Warm up for one job after another, in a process of its own."""
+def _work(end: Connection) -> None:
+    """Warm up for one job after another on the problem that comes first, in a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     logging.getLogger("sapopt").setLevel(logging.ERROR)
-    while True:
-        try:
+    try:
+        problem = end.recv()
+        while True:
             _, solver = end.recv()
-        except (EOFError, OSError):
-            return
-        warming.warm_up(problem, solver)
-        end.send(None)
+            warming.warm_up(problem, solver)
+            end.send(None)
+    except (EOFError, OSError):
+        return

@@ -10,6 +10,7 @@ import typer
 
 from sapopt import api as verbs
 from sapopt.cli import links, show, work
+from sapopt.cli.alongside import Helpers
 from sapopt.cli.app import (
     DEFAULT_SOLVER,
     EXIT_INTERRUPTED,
@@ -94,10 +95,10 @@ def certify(
     check_time(time_limit)
     links.check_range(range_km, [named])
     check_new(out, force)
-    with Reporter() as reporter:
+    with Reporter() as reporter, Helpers() as helpers:
         name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
         (named,) = links.connect([named], scenario, range_km, reporter)
-        work.warm_up(problem, [named], reporter)
+        work.warm_up(problem, [named], reporter, helpers)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
         prices = result.prices
         if prices is None:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from sapopt.cli import links, show, work
+from sapopt.cli.alongside import Helpers
 from sapopt.cli.app import (
     DEFAULT_SOLVER,
     EXIT_INTERRUPTED,
@@ -57,11 +58,11 @@ def compare(
     check_time(time_limit)
     links.check_range(range_km, chosen)
     output = Output(out, ["compare.json", "compare.npz", "prices.npz", "compare.png", "history.png"], force)
-    with Reporter() as reporter:
+    with Reporter() as reporter, Helpers() as helpers:
         name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
         drawn = agent_number(agent, problem)
         chosen = links.connect(chosen, scenario, range_km, reporter)
-        run = work.compare(problem, chosen, seed, time_limit, reporter)
+        run = work.compare(problem, chosen, seed, time_limit, reporter, helpers)
         records = {key: show.result_record(result, run.bound) for key, result in run.results.items()}
         report = {
             **show.problem_record(name, problem),
@@ -128,11 +129,11 @@ def solve(
     check_time(time_limit)
     links.check_range(range_km, [named])
     output = Output(out, ["solve.json", "solve.npz", "history.png", "timeline.png", "gap.png"], force)
-    with Reporter() as reporter:
+    with Reporter() as reporter, Helpers() as helpers:
         name, problem, scenario = work.load_scenario(instance, seed, cost, reporter)
         drawn = agent_number(agent, problem)
         (named,) = links.connect([named], scenario, range_km, reporter)
-        work.warm_up(problem, [named], reporter)
+        work.warm_up(problem, [named], reporter, helpers)
         result = work.run_solver(problem, named, seed, time_limit, reporter)
         if with_bound and result.bound is None and result.status is not Status.INTERRUPTED:
             proven = work.prove_bound(problem, seed, time_limit or _BOUND_SECONDS, reporter)

@@ -12,7 +12,7 @@ from pathlib import Path
 from sapopt import api as verbs
 from sapopt import warming
 from sapopt.cli import own
-from sapopt.cli.alongside import Job, helped
+from sapopt.cli.alongside import Helpers, Job
 from sapopt.cli.links import shortened
 from sapopt.cli.progress import Phase, Reporter
 from sapopt.data.types import FloatArray
@@ -72,7 +72,7 @@ def _size(problem: SAP) -> str:
     return f"{problem.n} agents, {problem.m} tasks, {problem.T} steps"
 
 
-def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> None:
+def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter, helpers: Helpers) -> None:
     """Compile what the solvers and the bound need, so that no time reported contains it."""
     small = warming.first_steps(problem)
     # What a run turns to later, if at all, is compiled then: it is as much as all the rest, and the clock stands still.
@@ -94,7 +94,7 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter) -> Non
 
         begun = compile_seconds()
         with (
-            helped(small, todo) as common,
+            helpers.helped(small, todo) as common,
             suppress(IndexError),
         ):  # nothing left: helpers take from the other end
             while True:
@@ -164,14 +164,19 @@ class Comparison:
 
 
 def compare(
-    problem: SAP, solvers: list[NamedSolver], seed: int, time_limit: float | None, reporter: Reporter
+    problem: SAP,
+    solvers: list[NamedSolver],
+    seed: int,
+    time_limit: float | None,
+    reporter: Reporter,
+    helpers: Helpers,
 ) -> Comparison:
     """Run the solvers one after the other. Ctrl-C ends the run; what is there until then is kept."""
     results: dict[str, Result] = {}
     interrupted = False
     proven: list[tuple[float, FloatArray | None]] = []
     try:
-        warm_up(problem, solvers, reporter)
+        warm_up(problem, solvers, reporter, helpers)
         for named in solvers:
             results[named.name] = run_solver(problem, named, seed, time_limit, reporter)
             if results[named.name].status is Status.INTERRUPTED:

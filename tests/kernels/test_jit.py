@@ -193,7 +193,8 @@ def test_the_compiler_is_not_held_up_by_the_collector(
         assert gc.isenabled() == collects
     finally:
         (gc.enable if before else gc.disable)()
-    assert seen and not any(seen)
+    assert seen
+    assert not any(seen)
 
 
 def _is_slice(target: ast.expr) -> bool:
