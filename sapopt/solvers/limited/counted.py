@@ -19,6 +19,7 @@ from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.limited.folded import Folded
 from sapopt.formulations.limited.folded_dual import FoldedDual, FoldedPaths, descend
+from sapopt.formulations.limited.joint_descent import descend_jointly
 from sapopt.kernels import clock
 from sapopt.kernels.blocks import in_blocks, work_array
 from sapopt.running.control import Run
@@ -60,7 +61,8 @@ def plan_counted(folded: Folded, run: Run, tolerance: float, name: str) -> Outco
     with contextlib.suppress(InfeasibleError):  # forbidden pairs may leave no such plan
         search.offer(_standing(folded), "start")
     paths = FoldedPaths(folded)
-    dual = descend(
+    prices = descend if folded.is_plain else descend_jointly
+    dual = prices(
         folded, paths, clock.now() + _DUAL_SHARE * run.seconds_left,
         lambda _, bound: search.report(-np.inf, bound),
     )  # fmt: skip
