@@ -9,8 +9,10 @@ from switching_problems import optimum, tiny, walking
 from sapopt import SAP
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.dual import ascend
+from sapopt.kernels import clock
 from sapopt.running.rollout import rollout
 from sapopt.solvers import HAA
+from sapopt.solvers.dual_decomposition.network_plans import rolling_windows as module
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
@@ -75,3 +77,65 @@ def test_no_time_no_plan(options: dict[str, object]) -> None:
     """It ends at once, without a plan."""
     problem = walking(0)
     assert planned(problem, prices_of(problem), **options) is None
+
+
+def is_assignment(plan: IntArray) -> bool:
+    """Whether nobody shares a task at any step."""
+    return all(len(np.unique(row)) == len(row) for row in plan)
+
+
+def test_a_network_that_cannot_fit_leaves_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the smallest network is too large as well, it is taken whole: all agents plan, and no two on one task."""
+    monkeypatch.setattr(module, "_ARCS", 5)
+    for seed in range(3):
+        problem = walking(seed, cost=1.0)
+        plan = planned(problem, prices_of(problem))
+        assert plan is not None
+        assert is_assignment(plan)
+
+
+@pytest.mark.parametrize("seconds", [10.0, 20.0, 60.0])
+def test_a_plan_that_is_cut_short_goes_on_as_before(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock on which every look takes a second: what was planned until then is kept, what follows too."""
+    problem = walking(0, cost=1.0)
+    prices, start = prices_of(problem), rollout(problem, HAA()).plan
+    time = iter(range(10**6))
+    monkeypatch.setattr(clock, "now", lambda: float(next(time)))
+    repricings: list[int] = []
+
+    def reprice(k: int, held: IntArray, later: FloatArray) -> FloatArray:
+        repricings.append(k)
+        return later
+
+    plan = rolling_windows(
+        Arrays.of(problem), start, prices, np.random.default_rng(0), reprice=reprice, seconds=seconds
+    )
+    assert plan is not None
+    assert is_assignment(plan)
+    assert (plan != start).any()
+    assert next(time) <= seconds + 6
+    assert len(repricings) <= seconds
+
+
+def test_pace_takes_smaller_networks_where_short_windows_are_too_slow() -> None:
+    """Windows get shorter first and their networks smaller then; with time to spare both grow again."""
+    pace = module._Pace(6, 60_000)
+    for _ in range(20):
+        pace.learn(took=2.0, allowed=1.0)
+    assert pace.length == module._SHORTEST
+    assert pace.arcs == module._FEWEST_ARCS
+    for _ in range(40):
+        pace.learn(took=0.1, allowed=1.0)
+    assert pace.length == module._LONGEST
+    assert pace.arcs == 60_000
+
+
+def test_repricing_takes_no_more_than_its_share() -> None:
+    """A repricing that takes two windows' time comes after every fifth."""
+    pace = module._Pace(6, 60_000)
+    count = 0
+    for _ in range(50):
+        if pace.has_credit(1.0):
+            pace.repriced(2.0)
+            count += 1
+    assert 9 <= count <= 11

@@ -45,6 +45,14 @@ class Search(Protocol):
         """The best plan (T, n) so far."""
 
     @property
+    def value(self) -> float:
+        """Value of the best plan so far."""
+
+    @property
+    def bound(self) -> float:
+        """The proven bound so far."""
+
+    @property
     def settled_prices(self) -> FloatArray:
         """The best prices (T, m) so far."""
 

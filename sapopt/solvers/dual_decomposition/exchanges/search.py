@@ -51,8 +51,8 @@ _SLICE = 0.02
 _CHUNK = 10_000
 """Moves between two changes of the temperature where no clock counts."""
 
-_LARGEST_SHARE = 0.5
-"""Share of the time left that one annealing may take."""
+_FIRST_SHARE, _LARGEST_SHARE = 0.1, 0.5
+"""Shares of the time left that the first annealing may take, of which nothing is known, and any other one."""
 
 
 @dataclass(eq=False)
@@ -93,7 +93,8 @@ class Exchanges:
             self._prices = search.settled_prices
             self._cells = good_cells(self.problem, self._prices, _REGRET * scale)
         moves = int(self._factor * _MOVES_PER_CELL * max(len(self._cells), 100))
-        seconds = min(moves / self._pace, _LARGEST_SHARE * search.seconds_left)
+        share = _FIRST_SHARE if self._heat is None else _LARGEST_SHARE
+        seconds = min(moves / self._pace, share * search.seconds_left)
         hurried = seconds < moves / self._pace
         if math.isinf(search.seconds_left):
             seconds = math.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,17 +15,12 @@ from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.path_sweeps import sweep_by_arrays
 from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
+from sapopt.solvers.dual_decomposition.network_plans.rounds import Rounds
 from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
-from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort, improved
+from sapopt.solvers.dual_decomposition.network_plans.window_search import improved
 from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Search, repriced_rolling
 
-_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
-"""Windows of the successive rounds, from small ones that go fast to large ones; the last one is repeated."""
-
-_GROUP_ARCS = 10_000
-"""Size of the networks of few agents over the whole horizon."""
-
-_WIDE_GAP = 0.02
+_WIDE_GAP = 0.025
 """Gap of the rolling assignment above which rolling windows, which take longer, are worth their time."""
 
 _WINDOWS_SHARE = 0.8
@@ -56,6 +51,10 @@ class NetworkPlans:
     arrays: Arrays
     threads: int
     lives_on_prices: bool = False
+    _rounds: Rounds = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_rounds", Rounds(self.arrays.steps))
 
     def rolling(self, search: Search) -> Iterator[Found]:
         """A rolling assignment; then rolling windows where it left a wide gap, else another one with repricing."""
@@ -92,16 +91,19 @@ class NetworkPlans:
 
     def improve(self, search: Search, turn: int) -> Iterator[Found]:
         """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
-        effort = _EFFORTS[min(turn // 3, len(_EFFORTS) - 1)]
-        shift = turn % 3 * effort.length // 2
-        if turn % 3 == 2:
-            effort, shift = Effort(self.arrays.steps, _GROUP_ARCS), 0
+        began, before = search.seconds_left, search.value
+        if math.isinf(began):
+            effort, shift = self._rounds.planned(turn)
+        else:
+            effort, shift = self._rounds.paying(search.bound - before, began)
         plans = improved(
             self.arrays, search.best, search.settled_prices, effort, shift, search.rng,
             threads=self.threads, seconds_left=lambda: search.seconds_left,
         )  # fmt: skip
         for plan in plans:
             yield f"windows of {effort.length} steps", plan
+        if math.isfinite(began):
+            self._rounds.learn(effort, search.value - before, began - search.seconds_left)
 
     def promises(self, plan: IntArray, value: float) -> bool:
         """By the compiled value of the plan."""

@@ -24,7 +24,7 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
 )
 from sapopt.solvers.dual_decomposition.network_plans.window_search import parking_tasks, typical_benefit
 
-_REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25)
+_REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)
 """Ladder of reduced costs, in typical benefits; far larger than in `window_search`, since agents leave their paths."""
 
 _LONGEST, _SHORTEST = 12, 4
@@ -33,8 +33,14 @@ _LONGEST, _SHORTEST = 12, 4
 _USUAL = 6
 """Steps of the first window where time is short."""
 
-_ARCS = 60_000
-"""Size of a window's network."""
+_ARCS, _FEWEST_ARCS = 60_000, 4_000
+"""Sizes of a window's network: where time is ample, and where even the shortest windows take too long."""
+
+_FEWER = 0.7
+"""Share of the arcs that a network keeps when the last one took too long."""
+
+_REPRICING_SHARE = 0.4
+"""Share of the time that repricing may take; where it takes more, some windows go without."""
 
 _PARKING = 3
 """Random tasks that each agent may use without seeing them."""
@@ -48,15 +54,33 @@ _PATIENCE = 4.0
 
 @dataclass
 class _Pace:
-    """How long the windows may be, from how long the last one took."""
+    """How long the windows and how large their networks may be, from how long the last one took."""
 
     length: int
+    arcs: float
+    repricing: float = 0.0
+    """Seconds of the last repricing."""
+    credit: float = 0.0
+    """Seconds that repricing was allowed and has not taken."""
 
     def learn(self, took: float, allowed: float) -> None:
-        if took > 1.2 * allowed:
-            self.length = max(_SHORTEST, self.length - 1)
+        if took > 1.2 * allowed and self.length > _SHORTEST:
+            self.length -= 1
+        elif took > 1.5 * allowed:
+            self.arcs = max(_FEWEST_ARCS, _FEWER * self.arcs)
         elif took < 0.6 * allowed:
-            self.length = min(_LONGEST, self.length + 1)
+            if self.arcs < _ARCS:
+                self.arcs = min(_ARCS, self.arcs / _FEWER)
+            else:
+                self.length = min(_LONGEST, self.length + 1)
+
+    def has_credit(self, allowed: float) -> bool:
+        """Whether it is time for a repricing, and for this one; asked once a window."""
+        self.credit += _REPRICING_SHARE * allowed
+        return self.credit >= self.repricing
+
+    def repriced(self, seconds: float) -> None:
+        self.credit, self.repricing = max(self.credit - seconds, 0.0), seconds
 
 
 def rolling_windows(
@@ -69,7 +93,7 @@ def rolling_windows(
     seconds: float = math.inf,
     stop: Callable[[], object] = lambda: False,
 ) -> IntArray | None:
-    """Return the plan of the rolling windows, or None if ``stop()`` or the end of the time came first.
+    """Return the plan of the rolling windows, or None if ``stop()`` came first.
 
     Parameters
     ----------
@@ -78,25 +102,30 @@ def rolling_windows(
     prices : (T, m)
         Prices of the cells.
     reprice : callable, optional
-        As in `priced_futures.plan_by_futures`, before every window but the first.
+        As in `priced_futures.plan_by_futures`, before every window but the first, or fewer where time is short.
     seconds : float
-        Time for everything; the windows get shorter as it demands. The result depends on it, and otherwise on ``rng``.
+        Time for everything; the windows get shorter and their networks smaller as it demands, and where it ends before
+        the horizon does the agents go on as in ``plan`` (None if it ends at once). The result depends on it, and
+        otherwise on ``rng``.
     """
     steps = arrays.steps
     end = clock.now() + seconds
-    pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL)
+    pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL, _ARCS)
     first = 0
     while True:
-        if first > 0 and reprice is not None:
-            prices = prices.copy()
-            prices[first:] = reprice(first, plan[first - 1], prices[first:])
         began = clock.now()
         left = end - began
-        if stop() or left <= 0.0:
+        if stop():
             return None
+        if left <= 0.0:
+            return None if first == 0 else plan
         last, kept = min(first + pace.length, steps), pace.length // 2
         allowed = left * kept / (steps - first)
-        flow = _fitting_flow(arrays, plan, prices, first, last, rng)
+        if first > 0 and reprice is not None and pace.has_credit(allowed):
+            prices = prices.copy()
+            prices[first:] = reprice(first, plan[first - 1], prices[first:])
+            pace.repriced(clock.now() - began)
+        flow = _fitting_flow(arrays, plan, prices, first, last, rng, pace.arcs)
         limit = min(left, _PATIENCE * allowed)
         found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit, stop=stop)
         plan = plan if found is None else found
@@ -108,16 +137,26 @@ def rolling_windows(
 
 
 def _fitting_flow(
-    arrays: Arrays, plan: IntArray, prices: FloatArray, first: int, last: int, rng: np.random.Generator
+    arrays: Arrays,
+    plan: IntArray,
+    prices: FloatArray,
+    first: int,
+    last: int,
+    rng: np.random.Generator,
+    arcs: float,
 ) -> RestrictedFlow:
     """The network of all agents in a window with the largest reduced cost that fits, or else the smallest."""
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
     scale = typical_benefit(arrays, 0, arrays.steps)
-    for regret in _REGRETS:
+    for regret in _REGRETS[:-1]:
         flow = restricted_flow(
-            arrays, plan, prices, everyone, first, last, regret * scale, parking, _ARCS, arrays.steps
+            arrays, plan, prices, everyone, first, last, regret * scale, parking, int(arcs), arrays.steps
         )
-        if len(flow.tail) <= _ARCS:
-            break
-    return flow
+        if len(flow.tail) <= arcs:
+            return flow
+    return (
+        restricted_flow(  # whole: a network that ends early leaves out agents, whose cells others would take
+            arrays, plan, prices, everyone, first, last, _REGRETS[-1] * scale, parking, until=arrays.steps
+        )
+    )

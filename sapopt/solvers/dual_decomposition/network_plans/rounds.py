@@ -1,0 +1,82 @@
+"""Which windows a round solves: where there is a clock, those that have gained most for their time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort
+
+_GROUP_ARCS = 10_000
+"""Size of the networks of few agents over the whole horizon."""
+
+_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
+"""Windows from small ones that go fast to large ones."""
+
+_GROUPS_AFTER = 3
+"""Efforts that are tried before groups of few agents, which take longer for what they gain."""
+
+_PAYING = 0.5
+"""Share of the gap that the best rounds must be on the way to close in the time left, or something larger is tried."""
+
+_MEMORY = 0.5
+"""Weight of the past in what an effort gains for every second."""
+
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+"""Successive multiples of this fall evenly on a circle."""
+
+
+@dataclass(eq=False)
+class Rounds:
+    """The rounds of windows of a run, and what they gained.
+
+    Attributes
+    ----------
+    steps : int
+        Steps T of the horizon.
+    """
+
+    steps: int
+    _rates: dict[Effort, float] = field(default_factory=dict)
+    """Gain for every second of the efforts that were tried."""
+    _turns: dict[Effort, int] = field(default_factory=dict)
+
+    def planned(self, turn: int) -> tuple[Effort, int]:
+        """Effort and shift of round number ``turn`` where there is no clock.
+
+        Windows, windows shifted by half and groups, one effort after the other, the last of which is repeated.
+        """
+        effort = _EFFORTS[min(turn // 3, len(_EFFORTS) - 1)]
+        if turn % 3 == 2:
+            return self._groups, 0
+        return effort, turn % 3 * effort.length // 2
+
+    def paying(self, distance: float, seconds_left: float) -> tuple[Effort, int]:
+        """Effort and shift of the next round where there is one.
+
+        Parameters
+        ----------
+        distance : float
+            Between bound and plan.
+        seconds_left : float
+        """
+        best = max(self._rates, key=lambda effort: (self._rates[effort], -self._turns[effort]), default=None)
+        untried = [effort for effort in self._ladder if effort not in self._rates]
+        if best is None or (untried and self._rates[best] * seconds_left <= _PAYING * distance):
+            best = untried[0]
+        shift = int(self._turns.get(best, 0) * _GOLDEN % 1.0 * best.length)
+        return best, 0 if best == self._groups else shift
+
+    def learn(self, effort: Effort, gain: float, seconds: float) -> None:
+        """Remember what a round gained."""
+        rate = gain / max(seconds, 1e-3)
+        self._rates[effort] = _MEMORY * self._rates.get(effort, rate) + (1.0 - _MEMORY) * rate
+        self._turns[effort] = self._turns.get(effort, 0) + 1
+
+    @property
+    def _groups(self) -> Effort:
+        return Effort(self.steps, _GROUP_ARCS)
+
+    @property
+    def _ladder(self) -> list[Effort]:
+        return [*_EFFORTS[:_GROUPS_AFTER], self._groups, *_EFFORTS[_GROUPS_AFTER:]]
