@@ -1,14 +1,14 @@
 """The planner of folded problems whose agents may take up only so many tasks.
 
 Prices and multipliers first, then one assignment a step by the agents' best ways on, at what moves cost with the
-multipliers. Windows of that plan are solved exactly, while the multipliers of agents that have too many take-ups rise.
-What is still too much is repaired at last: agent by agent, the best free path within the limit.
+multipliers. From there three stages: windows of that plan at those costs, whatever is taken up; windows in which nobody
+comes to take up more than it may, while the multipliers follow what the agents take up; and once the rest is repaired,
+agent by agent, by the best free path within the limit, windows and groups of agents over the whole horizon by turns.
 """
 
 from __future__ import annotations
 
 import contextlib
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,27 +24,37 @@ from sapopt.kernels import clock
 from sapopt.kernels.blocks import in_blocks, work_array
 from sapopt.running.control import Run
 from sapopt.solvers.base import Outcome
+from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort
 from sapopt.solvers.dual_decomposition.plans import closed_prices
 from sapopt.solvers.limited.counted_kernels import counted_scratch, counted_sweep, priced_firsts, priced_moves
-from sapopt.solvers.limited.counted_windows import CountedWindows
+from sapopt.solvers.limited.counted_windows import Count, CountedWindows
 from sapopt.solvers.limited.planner import Search, outcome_of
 
 _DUAL_SHARE = 0.35
 """Share of the time that the prices may take."""
-_LENGTH, _SHIFTS = 10, 3
-"""Steps of a window, and how many ways there are to cut the horizon into windows."""
-_RISE = 0.02
-"""By which a multiplier rises after a round for every take-up that is too much, in typical benefits."""
-_EVERY = 4
-"""Rounds between two repairs."""
-_FREE_SHARE, _FREE_ROUNDS = 0.75, 40
-"""Share of the time after the prices, and most rounds, in which plans may have too many take-ups."""
-_QUIET = 6
-"""Rounds of plans within the limits without a better one after which the search ends."""
+_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
+"""Windows, from small ones that go fast to large ones."""
+_SHIFTS = 3
+"""Ways to cut the horizon into windows."""
+_FREE = (0, 0, 0, 1, 1, 2, 2, 3)
+"""Efforts of the rounds in which it does not matter what is taken up."""
+_FREE_SHARE = 0.4
+"""Share of the time after the prices that they may take."""
+_FOLLOWING, _FOLLOWING_SHARE = 24, 0.5
+"""Most rounds in which the multipliers follow, and the share of the time left that they may take."""
+_EFFORTS_AT_A_TIME = 3
+"""Efforts that these rounds go through in turn, and those of a cycle of the last stage."""
+_RISE, _FALL = 0.02, 0.005
+"""By which a multiplier rises for every take-up that is too much, and falls for every one left, in typical benefits."""
+_GROUP_ARCS = 20_000
+"""Size of the networks of few agents over the whole horizon."""
+_QUIET = 2
+"""Cycles of the last stage without a better plan after which the search ends."""
 _REPAIRS = (1.0, 0.5, 0.0)
 """Shares of the prices under which the agents take their best free paths, one sweep after another."""
-_WINDOW_SHARE = 0.1
-"""Share of the time left that one window may take."""
+_LIKE_PRICES = Count(limited=False, priced=True)
+_KEPT = Count(limited=True, priced=True)
+_ALONE = Count(limited=True, priced=False)
 
 
 def plan_counted(folded: Folded, run: Run, tolerance: float, name: str) -> Outcome:
@@ -92,38 +102,73 @@ class _Rounds:
     dual: FoldedDual
 
     def go(self) -> None:
-        """Round by round, until the time is over or nothing is gained."""
-        run, folded = self.search.run, self.folded
+        """Stage by stage, until the time is over or nothing is gained."""
         plan = self._rolled()
         if plan is None:
             plan = self.search.best
         if plan is None:
             return
         self._offer(plan)
-        began, within, quiet, number = run.seconds_left, False, 0, 0
-        dearer = self.dual.dearer
-        while not run.expired and not self.search.is_proven and quiet < _QUIET:
-            before = self.search.value
-            plan = self._windows(plan, CountedWindows.of(folded, self.dual.prices, dearer), number)
-            over = np.maximum(folded.take_ups(plan) - folded.most, 0)
-            dearer = dearer + _RISE * self.paths.plain.scale * over
-            number += 1
-            if within or number % _EVERY == 0 or run.expired:
-                self._offer(plan)
-            late = number >= _FREE_ROUNDS or run.seconds_left < (1.0 - _FREE_SHARE) * began
-            if not within and (late or not over.any()) and self.search.best is not None:
-                self._offer(plan)
-                plan, within, dearer = self.search.best, True, self.dual.dearer
-            quiet = quiet + 1 if within and self.search.value <= before else 0
-            if self.search.report(self.search.value, self.search.bound):
-                break
+        plan = self._following(self._free(plan))
+        self._offer(plan)
+        if self.search.best is not None:
+            self._within(self.search.best)
 
-    def _offer(self, plan: IntArray) -> None:
+    def _free(self, plan: IntArray) -> IntArray:
+        """The plan after windows at the multipliers, whatever is taken up."""
+        stop_at = (1.0 - _FREE_SHARE) * self.search.run.seconds_left
+        for number, effort in enumerate(_FREE):
+            if self._is_over() or self.search.run.seconds_left < stop_at:
+                break
+            plan = self._windows(plan, self.dual.dearer, effort, number, _LIKE_PRICES)
+        return plan
+
+    def _following(self, plan: IntArray) -> IntArray:
+        """The plan after windows that keep the limits, or what is above them, while the multipliers follow."""
+        stop_at = (1.0 - _FOLLOWING_SHARE) * self.search.run.seconds_left
+        dearer, scale, most = self.dual.dearer, self.paths.plain.scale, self.folded.most
+        for number in range(_FOLLOWING):
+            beyond = self.folded.take_ups(plan) - most
+            if not (beyond > 0).any() or self._is_over() or self.search.run.seconds_left < stop_at:
+                break
+            changed = dearer + scale * np.where(beyond > 0, _RISE, _FALL) * beyond
+            dearer = np.where(self.folded.row >= 0, np.maximum(changed, 0.0), 0.0)
+            effort, turn = number % _EFFORTS_AT_A_TIME, number // _EFFORTS_AT_A_TIME
+            plan = self._windows(plan, dearer, effort, turn, _KEPT)
+        return plan
+
+    def _within(self, plan: IntArray) -> None:
+        """Improve a plan within the limits by windows and groups at what moves cost, until cycles gain nothing.
+
+        After a cycle that gained nothing, windows at the multipliers save take-ups first, for groups to use them.
+        """
+        run, dearer = self.search.run, self.dual.dearer
+        windows = CountedWindows.of(self.folded, self.dual.prices, dearer)
+        quiet, cycle = 0, 0
+        while not self._is_over() and quiet < _QUIET:
+            before = self.search.value
+            first = min(cycle // 2, len(_EFFORTS) - _EFFORTS_AT_A_TIME)
+            for count in (_KEPT, _ALONE) if quiet else (_ALONE,):
+                for number in range(first, first + _EFFORTS_AT_A_TIME):
+                    plan = self._windows(plan, dearer, number, cycle, count)
+                    self._offer(plan)
+            effort = Effort(self.folded.problem.T, _GROUP_ARCS)
+            plan = windows.regrouped(plan, effort, run.rng, lambda: run.seconds_left)
+            self._offer(plan, "groups")
+            quiet = quiet + 1 if self.search.value <= before else 0
+            cycle += 1
+
+    def _is_over(self) -> bool:
+        """Whether to stop, after the search has told where it stands."""
+        search = self.search
+        return search.report(search.value, search.bound) or search.run.expired or search.is_proven
+
+    def _offer(self, plan: IntArray, phase: str = "windows") -> None:
         """The plan repaired, if it has to be."""
         folded, prices = self.folded, self.dual.prices
         taken = folded.take_ups(plan)
         if (taken <= folded.most).all():
-            self.search.offer(plan, "windows")
+            self.search.offer(plan, phase)
             return
         order = np.flatnonzero(taken > folded.most)
         for share in _REPAIRS:
@@ -169,33 +214,11 @@ class _Rounds:
             plan[k] = held
         return plan
 
-    def _windows(self, plan: IntArray, windows: CountedWindows, number: int) -> IntArray:
-        """The plan after a round of windows, every second one at a time, side by side."""
-        run, T = self.search.run, self.folded.problem.T
-        first = number % _SHIFTS * _LENGTH // _SHIFTS - _LENGTH
-        edges = [(max(a, 0), min(a + _LENGTH, T)) for a in range(first, T, _LENGTH) if a + _LENGTH > 0]
-        seeds = run.rng.integers(2**63, size=len(edges))
-        with ThreadPoolExecutor(2) as pool:
-            for turn in (0, 1):
-                base, seconds = plan, max(_WINDOW_SHARE * run.seconds_left, 0.01)
-                jobs = [
-                    pool.submit(
-                        windows.improved,
-                        base,
-                        *edge,
-                        np.random.default_rng(seed),
-                        seconds,
-                        lambda: run.expired,
-                    )
-                    for edge, seed in list(zip(edges, seeds, strict=True))[turn::2]
-                ]
-                for (a, b), job in zip(edges[turn::2], jobs, strict=True):
-                    joined = plan.copy()
-                    joined[a:b] = job.result()[a:b]
-                    # two windows may both have used what an agent had left
-                    allowed = np.maximum(self.folded.most, self.folded.take_ups(plan))
-                    if (self.folded.take_ups(joined) <= allowed).all():
-                        plan = joined
-                if run.expired:
-                    break
-        return plan
+    def _windows(self, plan: IntArray, dearer: FloatArray, effort: int, turn: int, count: Count) -> IntArray:
+        """The plan after a round of windows at some multipliers (n,)."""
+        run = self.search.run
+        if run.expired:
+            return plan
+        windows = CountedWindows.of(self.folded, self.dual.prices, dearer)
+        shift = turn % _SHIFTS * _EFFORTS[effort].length // _SHIFTS
+        return windows.improved(plan, _EFFORTS[effort], shift, count, run.rng, lambda: run.seconds_left)

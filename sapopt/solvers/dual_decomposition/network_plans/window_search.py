@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,16 +19,16 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     solve_flow,
 )
 
-_REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
+REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
 """Ladder of reduced costs, in typical benefits. Long windows with small ones gain more than short ones with large."""
 
-_GROUP_REGRET = 0.18
+GROUP_REGRET = 0.18
 """Where all agents' network does not fit at this reduced cost, they are split into groups."""
 
 _SMALL_PROBLEM = 6
 """Tasks up to which an agent may wait on any task."""
 
-_SHARE_OF_TIME = 0.1
+SHARE_OF_TIME = 0.1
 """Share of the time left that one network may take."""
 
 
@@ -106,18 +106,13 @@ def _improve_window(
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, effort.parking, rng)
     scale = typical_benefit(arrays, first, last)
-    flow = restricted_flow(arrays, plan, prices, everyone, first, last, _GROUP_REGRET * scale, parking)
-    arcs = len(flow.tail)
-    if arcs <= 2 * effort.arcs:
-        groups = [everyone]
-    else:
-        groups = _groups(flow, arrays.agents, arrays.tasks, 1 + arrays.agents * effort.arcs // arcs, rng)
+    flow = restricted_flow(arrays, plan, prices, everyone, first, last, GROUP_REGRET * scale, parking)
     value = arrays.value(plan)
-    for group in groups:
+    for group in groups_of(flow, arrays.agents, arrays.tasks, effort.arcs, rng):
         if seconds_left() <= 0:
             break
         flow = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
-        seconds = max(_SHARE_OF_TIME * seconds_left(), 0.01)
+        seconds = max(SHARE_OF_TIME * seconds_left(), 0.01)
         found = solve_flow(flow, plan, arrays.tasks, seconds=seconds, stop=lambda: seconds_left() <= 0)
         if found is not None:
             found_value = arrays.value(found)
@@ -158,18 +153,37 @@ def _fitting(
 ) -> RestrictedFlow:
     """Return the network of the largest reduced cost that has at most ``arcs`` arcs, or else of the smallest."""
     everything = arrays.tasks <= _SMALL_PROBLEM and len(agents) * (last - first) * arrays.tasks**2 <= arcs
-    ladder = (math.inf,) if everything else _REGRETS
-    for regret in ladder[:-1]:
-        flow = restricted_flow(arrays, plan, prices, agents, first, last, regret * scale, parking, arcs)
+
+    def network(regret: float, limit: int) -> RestrictedFlow:
+        return restricted_flow(arrays, plan, prices, agents, first, last, regret, parking, limit)
+
+    return largest(network, (math.inf,) if everything else REGRETS, scale, arcs)
+
+
+def largest(
+    network: Callable[[float, int], RestrictedFlow], regrets: Sequence[float], scale: float, arcs: int
+) -> RestrictedFlow:
+    """The network of the first of the falling reduced costs that has at most ``arcs`` arcs, or else of the last.
+
+    ``network(regret, limit)`` may leave it incomplete once it has more arcs than the limit.
+    """
+    for regret in regrets[:-1]:
+        flow = network(regret * scale, arcs)
         if len(flow.tail) <= arcs:
             return flow
-    return restricted_flow(arrays, plan, prices, agents, first, last, ladder[-1] * scale, parking)
+    return network(regrets[-1] * scale, 2**62)
 
 
-def _groups(
-    flow: RestrictedFlow, agents: int, tasks: int, size: int, rng: np.random.Generator
+def groups_of(
+    flow: RestrictedFlow, agents: int, tasks: int, arcs: int, rng: np.random.Generator
 ) -> list[IntArray]:
-    """Split the agents into groups of about ``size`` whose members compete for the same cells."""
+    """Split the agents into groups with about ``arcs`` arcs each, whose members compete for the same cells.
+
+    ``flow`` is the network of all agents at `GROUP_REGRET`, agent by agent.
+    """
+    if len(flow.tail) <= 2 * arcs:
+        return [np.arange(agents)]
+    size = 1 + agents * arcs // len(flow.tail)
     cell = flow.step * tasks + flow.task
     order = np.argsort(cell, kind="stable")
     _, start = np.unique(cell[order], return_index=True)
