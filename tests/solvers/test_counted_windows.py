@@ -88,6 +88,15 @@ def test_groups_share_no_cell(seed: int) -> None:
     assert value > first + 1.0
 
 
+def test_one_window_has_it_all() -> None:
+    """A window of the whole horizon, or longer, is solved like any other."""
+    found, plan = drawn(1)
+    at, rng = windows(found, 1), np.random.default_rng(1)
+    better = at.improved(plan, Effort(20, 20_000), 0, ALONE, rng, lambda: 60.0)
+    assert worth(found, at, better, priced=False) > worth(found, at, plan, priced=False) + 1.0
+    assert (found.take_ups(better) <= found.most).all()
+
+
 def test_no_time_changes_nothing() -> None:
     """When time is over, the plan comes back."""
     found, plan = drawn(0)

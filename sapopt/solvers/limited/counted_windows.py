@@ -107,7 +107,7 @@ class CountedWindows:
             {min(max(e, 0), T) for e in range(shift - effort.length, T + effort.length, effort.length)}
         )
         windows = list(pairwise(edges))
-        for turn in (windows[::2], windows[1::2]):
+        for turn in filter(None, (windows[::2], windows[1::2])):  # one window alone has no second turn
             parts = self._dealt(plan, turn, rng)
             with ThreadPoolExecutor(_THREADS) as pool:
                 jobs = [
@@ -151,7 +151,7 @@ class CountedWindows:
     ) -> Iterator[tuple[tuple[int, int], IntArray, int]]:
         """The windows, how many take-ups more each agent may have in each of them, and a seed for each."""
         spare = np.maximum(self.folded.most - self.folded.take_ups(plan), 0)
-        shares = rng.multinomial(spare, np.full(len(windows), 1.0 / max(len(windows), 1))).T
+        shares = rng.multinomial(spare, np.full(len(windows), 1.0 / len(windows))).T
         seeds = rng.integers(2**63, size=len(windows))
         return zip(windows, shares, seeds.tolist(), strict=True)
 
@@ -261,7 +261,8 @@ class CountedWindows:
             hit = np.flatnonzero(taken)
             rows = sp.csr_array((taken[hit], (agent[hit], hit)), shape=(len(left), len(taken)))
             members = np.unique(flow.agent)
-            limits = (rows[members], left[members].astype(float))
+            members = members[self.folded.row[members] >= 0]
+            limits = (rows[members], left[members].astype(float)) if len(members) else None
         if not count.priced:
             flow = replace(flow, value=flow.value + taken * self.dearer[agent])
         found = solve_flow(
