@@ -12,7 +12,7 @@ from sapopt.formulations.highs import maximise
 from sapopt.formulations.limited.building import path_graph
 from sapopt.formulations.limited.folded import Folded, folded
 from sapopt.formulations.limited.folded_dual import FoldedPaths
-from sapopt.formulations.limited.joint_descent import descend_jointly
+from sapopt.formulations.limited.joint_descent import descend
 from sapopt.formulations.limited.programme import limited_programme
 from sapopt.kernels import clock
 
@@ -38,7 +38,7 @@ def test_it_reaches_the_linear_programme(seed: int) -> None:
     problem = drawn(seed)
     relaxed = maximise(limited_programme(path_graph(problem.core, tight=False)).programme, relaxed=True).value
     here = plain(problem)
-    dual = descend_jointly(here, FoldedPaths(here), math.inf)
+    dual = descend(here, FoldedPaths(here), math.inf)
     assert relaxed - 1e-7 <= dual.bound <= relaxed + 0.005 * abs(relaxed)
     assert (dual.dearer[here.row < 0] == 0).all()
     assert (dual.dearer > 0).any()
@@ -54,9 +54,9 @@ def test_it_ends_when_it_is_told_to() -> None:
         seen.append(bound)
         return steps >= 15
 
-    over = descend_jointly(here, paths, clock.now() - 1.0)
-    told = descend_jointly(here, paths, math.inf, enough)
-    whole = descend_jointly(here, paths, math.inf)
+    over = descend(here, paths, clock.now() - 1.0)
+    told = descend(here, paths, math.inf, enough)
+    whole = descend(here, paths, math.inf)
     assert whole.bound < told.bound < over.bound < math.inf
     assert seen == sorted(seen, reverse=True)
     assert told.bound == seen[-1]

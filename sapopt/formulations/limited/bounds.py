@@ -12,7 +12,8 @@ from sapopt.formulations.limited.building import TooLargeError, path_graph
 from sapopt.formulations.limited.disturbed import untangled
 from sapopt.formulations.limited.dual import Prices
 from sapopt.formulations.limited.folded import folded
-from sapopt.formulations.limited.folded_dual import FoldedPaths, descend
+from sapopt.formulations.limited.folded_dual import FoldedPaths
+from sapopt.formulations.limited.joint_descent import descend
 from sapopt.kernels import clock
 from sapopt.problem.sap import SAP
 from sapopt.proofs.certificate import Bound

@@ -5,9 +5,7 @@ those of the plain problem with a cost for each agent, and for any prices and mu
 
     sum_i (path_i at cost + y_i) + sum mu + sum_i H_i y_i  >=  optimum.
 
-Prices and multipliers are improved by turns: the prices by the ascent of the plain problem, each multiplier by a search
-for the one at which its agent's best path keeps the limit. After the first turn it goes but half the way there, for the
-prices answer it.
+`sapopt.formulations.limited.joint_descent` looks for the best ones.
 """
 
 from __future__ import annotations
@@ -22,23 +20,11 @@ from sapopt.data.types import FloatArray
 from sapopt.dynamics.switching.many_costs import ManyCosts
 from sapopt.dynamics.switching.paths import StrictSwitching
 from sapopt.formulations.bounds import cancellation, largest_benefits
-from sapopt.formulations.dual import ascend
 from sapopt.formulations.limited.dual import Prices
 from sapopt.formulations.limited.folded import Folded
-from sapopt.kernels import clock
 
 _GRID = 0.02
 """Multipliers are whole multiples of this share of the typical benefit, so that many agents pay the same."""
-_FIRST, _LATER = 150, 40
-"""Iterations of the first ascent, and of those after every change of the multipliers."""
-_DAMPED = 0.5
-"""Share of the way to its best that a multiplier goes at a turn, the first turn aside."""
-_DOUBLINGS = 20
-"""Of the greatest multiplier that is tried."""
-_QUIET = 4
-"""Turns without a better bound after which the search ends."""
-_WORTHWHILE = 1e-5
-"""Relative gain of a turn that counts as one."""
 _EPS = float(np.finfo(np.float64).eps)
 
 Watch = Callable[[int, float], bool]
@@ -109,79 +95,3 @@ class FoldedPaths:
         return (
             4.0 * _EPS * problem.n * sum(largest_benefits(problem)) if self.folded.multipliers.any() else 0.0
         )
-
-
-def descend(
-    folded: Folded,
-    paths: FoldedPaths,
-    stop_at: float,
-    watch: Watch = lambda iterations, bound: False,
-    prices: FloatArray | None = None,
-) -> FoldedDual:
-    """Minimise the dual, from some prices (T, m), until `stop_at` or until it no longer falls.
-
-    `stop_at` is a time of `sapopt.kernels.clock.now`.
-    """
-    best: FoldedDual | None = None
-    quiet, iterations, first = 0, 0, True
-    dearer = np.zeros(folded.problem.n)
-    while True:
-        before = math.inf if best is None else best.bound
-
-        def told(
-            done: int,
-            bound: float,
-            _: FloatArray,
-            now: FloatArray = dearer,
-            least: float = before,
-            past: int = iterations,
-        ) -> bool:
-            return watch(past + done, min(least, paths.whole(bound, now)))
-
-        here = ascend(
-            paths.at(dearer), prices, callback=told,
-            time_limit=max(stop_at - clock.now(), 0.0) if math.isfinite(stop_at) else None,
-            max_iterations=None if folded.is_plain else _FIRST if prices is None else _LATER,
-        )  # fmt: skip
-        iterations += here.iterations
-        found = FoldedDual(paths.whole(here.bound, dearer), here.prices, dearer)
-        if best is None or found.bound < best.bound:
-            best = found
-        quiet = 0 if best.bound < before - _WORTHWHILE * abs(before) else quiet + 1
-        if folded.is_plain or quiet >= _QUIET or clock.now() >= stop_at or watch(iterations, best.bound):
-            return best
-        prices = here.prices
-        wanted = _multipliers(folded, paths, prices)
-        wanted = dearer + (1.0 if first else _DAMPED) * (wanted - dearer)
-        dearer = np.where(folded.row >= 0, paths.grid * np.rint(wanted / paths.grid), 0.0)
-        first = False
-
-
-def _multipliers(folded: Folded, paths: FoldedPaths, prices: FloatArray) -> FloatArray:
-    """The multipliers (n,) that are best at some prices, on the grid."""
-    n = folded.problem.n
-    low, high = np.zeros(n, dtype=np.int64), np.full(n, 8, dtype=np.int64)
-    best, least = np.zeros(n), np.full(n, np.inf)
-
-    def looked(level: np.ndarray) -> np.ndarray:
-        """Whether every agent keeps its limit at a level."""
-        dearer = paths.grid * level
-        values, plan = paths.at(dearer).best_paths(prices)
-        value = values + folded.most * dearer
-        better = value < least
-        best[better], least[better] = dearer[better], value[better]
-        keeps: np.ndarray = folded.take_ups(plan) <= folded.most
-        return keeps
-
-    fits = looked(low)
-    high[fits] = 0
-    for _ in range(_DOUBLINGS):
-        fits = looked(high)
-        if fits.all():
-            break
-        low, high = np.where(fits, low, high), np.where(fits, high, 2 * high)
-    while (high - low > 1).any():
-        middle = (low + high) // 2
-        fits = looked(middle)
-        low, high = np.where(fits, low, middle), np.where(fits, middle, high)
-    return best

@@ -38,8 +38,12 @@ _KEPT = 15.0
 """Reduced cost, in temperatures, up to which entries count where the multipliers' step is computed."""
 
 
-def descend_jointly(
-    folded: Folded, paths: FoldedPaths, stop_at: float, watch: Watch = lambda iterations, bound: False
+def descend(
+    folded: Folded,
+    paths: FoldedPaths,
+    stop_at: float,
+    watch: Watch = lambda iterations, bound: False,
+    prices: FloatArray | None = None,
 ) -> FoldedDual:
     """Minimise the dual until `stop_at`, a time of `sapopt.kernels.clock.now`, or until it no longer falls.
 
@@ -47,9 +51,19 @@ def descend_jointly(
     ----------
     watch : callable
         ``watch(iterations, bound) -> stop?``
+    prices : ndarray, shape (T, m), optional
+        To begin from.
     """
+    dearer = np.zeros(folded.problem.n)
+    if folded.is_plain:
+        seconds = max(stop_at - clock.now(), 0.0) if math.isfinite(stop_at) else None
+        only = ascend(
+            paths.at(dearer), prices, time_limit=seconds,
+            callback=lambda steps, bound, _: watch(steps, paths.whole(bound, dearer)),
+        )  # fmt: skip
+        return FoldedDual(paths.whole(only.bound, dearer), only.prices, dearer)
     best: FoldedDual | None = None
-    prices, dearer = np.zeros(paths.plain.shape[::2]), np.zeros(folded.problem.n)
+    prices = np.zeros(paths.plain.shape[::2]) if prices is None else prices
     descent = SmoothDescent(iterations=_STEPS)
     state, done = DualState(descent.begin(prices), descent, None), 0
     while True:

@@ -18,8 +18,8 @@ from sapopt.data.benefits import dense_step
 from sapopt.data.feasibility import InfeasibleError
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.limited.folded import Folded
-from sapopt.formulations.limited.folded_dual import FoldedDual, FoldedPaths, descend
-from sapopt.formulations.limited.joint_descent import descend_jointly
+from sapopt.formulations.limited.folded_dual import FoldedDual, FoldedPaths
+from sapopt.formulations.limited.joint_descent import descend
 from sapopt.kernels import clock
 from sapopt.kernels.blocks import in_blocks, work_array
 from sapopt.running.control import Run
@@ -71,8 +71,7 @@ def plan_counted(folded: Folded, run: Run, tolerance: float, name: str) -> Outco
     with contextlib.suppress(InfeasibleError):  # forbidden pairs may leave no such plan
         search.offer(_standing(folded), "start")
     paths = FoldedPaths(folded)
-    prices = descend if folded.is_plain else descend_jointly
-    dual = prices(
+    dual = descend(
         folded, paths, clock.now() + _DUAL_SHARE * run.seconds_left,
         lambda _, bound: search.report(-np.inf, bound),
     )  # fmt: skip
