@@ -23,6 +23,10 @@ from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Se
 _WIDE_GAP = 0.025
 """Gap of the rolling assignment above which rolling windows, which take longer, are worth their time."""
 
+_NARROW_GAP = 0.01
+"""Gap of the rolling assignment below which windows gain more for their time than another one with better prices, where
+there is a clock and agents have tasks to spare."""
+
 _WINDOWS_SHARE = 0.8
 """Share of the time left that rolling windows may take."""
 
@@ -57,13 +61,14 @@ class NetworkPlans:
         object.__setattr__(self, "_rounds", Rounds(self.arrays.steps))
 
     def rolling(self, search: Search) -> Iterator[Found]:
-        """A rolling assignment; then rolling windows where it left a wide gap, else another one with repricing."""
+        """A rolling assignment; then rolling windows where it left a wide gap, or another one with repricing."""
         plan = plan_by_futures(self.arrays, search.settled_prices, lambda: search.report(ROLLING))
         if plan is not None:
             yield ROLLING, plan
-        if self.arrays.agents < self.arrays.tasks and search.gap > _WIDE_GAP:
+        has_spare = self.arrays.agents < self.arrays.tasks
+        if has_spare and search.gap > _WIDE_GAP:
             yield from self._windows_ahead(search)
-        else:
+        elif not has_spare or search.gap > _NARROW_GAP or math.isinf(search.seconds_left):
             yield from repriced_rolling(
                 search,
                 lambda stop, **options: plan_by_futures(self.arrays, search.settled_prices, stop, **options),
