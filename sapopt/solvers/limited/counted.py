@@ -24,7 +24,7 @@ from sapopt.kernels import clock
 from sapopt.kernels.blocks import in_blocks, work_array
 from sapopt.running.control import Run
 from sapopt.solvers.base import Outcome
-from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort
+from sapopt.solvers.dual_decomposition.network_plans.window_search import EFFORTS, Effort
 from sapopt.solvers.dual_decomposition.plans import closed_prices
 from sapopt.solvers.limited.counted_kernels import counted_scratch, counted_sweep, priced_firsts, priced_moves
 from sapopt.solvers.limited.counted_windows import Count, CountedWindows
@@ -32,8 +32,6 @@ from sapopt.solvers.limited.planner import Search, outcome_of
 
 _DUAL_SHARE = 0.35
 """Share of the time that the prices may take."""
-_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
-"""Windows, from small ones that go fast to large ones."""
 _SHIFTS = 3
 """Ways to cut the horizon into windows."""
 _FREE = (0, 0, 0, 1, 1, 2, 2, 3)
@@ -146,7 +144,7 @@ class _Rounds:
         quiet, cycle = 0, 0
         while not self._is_over() and quiet < _QUIET:
             before = self.search.value
-            first = min(cycle // 2, len(_EFFORTS) - _EFFORTS_AT_A_TIME)
+            first = min(cycle // 2, len(EFFORTS) - _EFFORTS_AT_A_TIME)
             for count in (_KEPT, _ALONE) if quiet else (_ALONE,):
                 for number in range(first, first + _EFFORTS_AT_A_TIME):
                     plan = self._windows(plan, dearer, number, cycle, count)
@@ -219,5 +217,5 @@ class _Rounds:
         if run.expired:
             return plan
         windows = CountedWindows.of(self.folded, self.dual.prices, dearer)
-        shift = turn % _SHIFTS * _EFFORTS[effort].length // _SHIFTS
-        return windows.improved(plan, _EFFORTS[effort], shift, count, run.rng, lambda: run.seconds_left)
+        shift = turn % _SHIFTS * EFFORTS[effort].length // _SHIFTS
+        return windows.improved(plan, EFFORTS[effort], shift, count, run.rng, lambda: run.seconds_left)

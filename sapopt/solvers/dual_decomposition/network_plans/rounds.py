@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort
+from sapopt.solvers.dual_decomposition.network_plans.window_search import EFFORTS, Effort
 
 _GROUP_ARCS = 10_000
 """Size of the networks of few agents over the whole horizon."""
-
-_EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
-"""Windows from small ones that go fast to large ones."""
 
 _GROUPS_AFTER = 3
 """Efforts that are tried before groups of few agents, which take longer for what they gain."""
@@ -46,7 +43,7 @@ class Rounds:
 
         Windows, windows shifted by half and groups, one effort after the other, the last of which is repeated.
         """
-        effort = _EFFORTS[min(turn // 3, len(_EFFORTS) - 1)]
+        effort = EFFORTS[min(turn // 3, len(EFFORTS) - 1)]
         if turn % 3 == 2:
             return self._groups, 0
         return effort, turn % 3 * effort.length // 2
@@ -79,4 +76,4 @@ class Rounds:
 
     @property
     def _ladder(self) -> list[Effort]:
-        return [*_EFFORTS[:_GROUPS_AFTER], self._groups, *_EFFORTS[_GROUPS_AFTER:]]
+        return [*EFFORTS[:_GROUPS_AFTER], self._groups, *EFFORTS[_GROUPS_AFTER:]]

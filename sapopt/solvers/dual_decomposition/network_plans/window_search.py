@@ -51,6 +51,10 @@ class Effort:
     parking: int = 2
 
 
+EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
+"""Windows from small ones that go fast to large ones."""
+
+
 def improved(
     arrays: Arrays,
     plan: IntArray,
