@@ -21,9 +21,9 @@ _PAYING_TURN = 0.1
 _FELT = 1e-3
 """Share of the gap that a way must be on the way to close in the time left, to count at all."""
 
-_LATEST = 0.3
-"""Share of the time that must be left for a way to be tried for the first time: it has to be made, and may have to be
-compiled."""
+_LATEST, _LATEST_SPARSE = 0.3, 0.5
+"""Share of the time that must be left for a way to be tried for the first time, where most pairs are worth something and
+elsewhere: it has to be made, and may have to be compiled. Where agents wait for long, it gains little."""
 
 _FORGETTING = 0.25
 """What is left of a way's promise when it has found nothing."""
@@ -108,7 +108,8 @@ class Portfolio:
             return min(self.awake, key=lambda way: self._turns.get(type(way), 0))
         if self._rate(_BUILDER) * seconds_left > _PAYING * distance or self.is_tired:
             return None
-        is_late = self.time_limit is not None and seconds_left < _LATEST * self.time_limit
+        latest = _LATEST_SPARSE if self.first_dives is None else _LATEST
+        is_late = self.time_limit is not None and seconds_left < latest * self.time_limit
         ways = [way for way in self.awake if type(way) in self._rates or not is_late]
         return self._best([None, *ways], distance, seconds_left)
 
