@@ -120,7 +120,7 @@ def test_windows_are_a_job_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None
     ]
     with Reporter() as reporter, alongside.Helpers() as helpers:
         work.warm_up(instance("constellation-toy"), solvers, reporter, helpers)
-    assert done == ["HAA", "Windows", "DualLookahead", "DualDecomposition", "NoneType"]
+    assert done == ["HAA", "Windows", "DualDecomposition", "DualLookahead", "NoneType"]
 
 
 def test_windows_alone() -> None:

@@ -45,7 +45,7 @@ def compare(
     ] = DEFAULT_SOLVERS,
     seed: Seed = 0,
     cost: Cost = None,
-    time_limit: TimeLimit = 40.0,
+    time_limit: TimeLimit = 30.0,
     range_km: RangeKm = None,
     agent: Agent = "0",
     as_json: AsJson = False,

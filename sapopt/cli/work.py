@@ -79,9 +79,11 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter, helper
     jobs: list[Job] = []
     for name, solver in ((named.name, named.solver) for named in shortened(solvers, small.T)):
         if isinstance(solver, DualDecomposition) and small.is_plain:
-            # A good part of this one, and its last: begun a job earlier, it is there when it is needed.
-            jobs.insert(max(len(jobs) - 1, 0), (f"{name}, windows", warming.Windows(solver)))
-        jobs.append((name, solver))
+            # It begins with what the one before it and the bound do: whoever has done those, from the end, has less to do.
+            at = max(len(jobs) - 1, 0)
+            jobs[at:at] = [(f"{name}, windows", warming.Windows(solver)), (name, solver)]
+        else:
+            jobs.append((name, solver))
     jobs.append(("bound", None))
     todo = deque(jobs)
     done: list[str] = []
