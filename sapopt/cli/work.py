@@ -79,7 +79,7 @@ def warm_up(problem: SAP, solvers: list[NamedSolver], reporter: Reporter, helper
     jobs: list[Job] = []
     for name, solver in ((named.name, named.solver) for named in shortened(solvers, small.T)):
         if isinstance(solver, DualDecomposition) and small.is_plain:
-            # It begins with what the one before it and the bound do: whoever has done those, from the end, has less to do.
+            # It begins with what the one before it and the bound do: a helper, which has done those, has less to do.
             at = max(len(jobs) - 1, 0)
             jobs[at:at] = [(f"{name}, windows", warming.Windows(solver)), (name, solver)]
         else:

@@ -22,8 +22,8 @@ _FELT = 1e-3
 """Share of the gap that a way must be on the way to close in the time left, to count at all."""
 
 _LATEST, _LATEST_SPARSE = 0.3, 0.5
-"""Share of the time that must be left for a way to be tried for the first time, where most pairs are worth something and
-elsewhere: it has to be made, and may have to be compiled. Where agents wait for long, it gains little."""
+"""Share of the time that must be left for a way to be tried for the first time, where most pairs are worth something
+and elsewhere: it has to be made, and may have to be compiled. Where agents wait for long, it gains little."""
 
 _FORGETTING = 0.25
 """What is left of a way's promise when it has found nothing."""
