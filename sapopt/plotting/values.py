@@ -56,7 +56,8 @@ def value_against_bound(
     for row, height in zip(rows, heights, strict=True):
         text = f"{height:,.1f}"
         if bound is not None and bound > 0:
-            text = f"{100 * height / bound:.1f} %"
+            share = height / bound
+            text = f"{100 * share:.{2 if 0.995 < share < 1.0 else 1}f} %"  # almost the bound is not all of it
         inside = height > 0.5 * top
         ax.annotate(
             text,
