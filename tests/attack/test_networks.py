@@ -71,7 +71,7 @@ def test_quick(caplog: pytest.LogCaptureFixture) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", range(11))
 def test_many(part: int, caplog: pytest.LogCaptureFixture) -> None:
     """About three thousand runs in each part."""
     caplog.set_level(logging.ERROR)

@@ -10,11 +10,11 @@ import pytest
 from sapopt import SAP, Limit, SwitchingCost
 from sapopt.formulations.highs import maximise
 from sapopt.formulations.limited.building import path_graph
-from sapopt.formulations.limited.folded import Folded, folded
 from sapopt.formulations.limited.folded_dual import FoldedPaths
 from sapopt.formulations.limited.joint_descent import descend
 from sapopt.formulations.limited.programme import limited_programme
 from sapopt.kernels import clock
+from tests.folded_problems import plain
 
 
 def drawn(seed: int) -> SAP:
@@ -23,13 +23,6 @@ def drawn(seed: int) -> SAP:
     benefits = rng.random((12, 5, 8)) * (rng.random((12, 5, 8)) < 0.4)
     who = None if seed % 2 else [0, 2, 3]
     return SAP(benefits, SwitchingCost(0.1), limits=[Limit.handovers(3, who, each=True)])
-
-
-def plain(problem: SAP) -> Folded:
-    """The problem folded."""
-    found = folded(problem.core)
-    assert found is not None
-    return found
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -11,8 +11,8 @@ import pytest
 
 from sapopt import SAP, Limit, SwitchingCost, bound, certify, solve, verify
 from sapopt.formulations.limited import building
-from sapopt.formulations.limited.folded import Folded, folded
 from sapopt.solvers import DualDecomposition
+from tests.folded_problems import plain
 
 
 @pytest.fixture
@@ -57,13 +57,6 @@ def optimum(problem: SAP) -> float:
         except ValueError:
             continue
     return best
-
-
-def plain(problem: SAP) -> Folded:
-    """The problem folded."""
-    found = folded(problem.core)
-    assert found is not None
-    return found
 
 
 @pytest.mark.parametrize("seed", range(30))
