@@ -118,9 +118,32 @@ def repriced_rolling(search: Search, rolling: Callable[..., IntArray | None]) ->
     count = _affordable(search)
     if not count or search.report(REPRICED):
         return
-    plan = rolling(lambda: search.report(REPRICED), block=_BLOCK, reprice=search.repricing(count))
+    plan = rolling(
+        lambda: search.report(REPRICED), block=_BLOCK, reprice=_in_time(search, search.repricing(count))
+    )
     if plan is not None:
         yield REPRICED, plan
+
+
+def _in_time(search: Search, reprice: Reprice) -> Reprice:
+    """A repricing that leaves blocks out, so that all together take no more than their share of the time left."""
+    if math.isinf(search.seconds_left):
+        return reprice
+    reserve = (1.0 - _REPRICING_SHARE) * search.seconds_left
+    credit = last = 0.0
+
+    def at(k: int, state: Any, prices: FloatArray) -> FloatArray:
+        nonlocal credit, last
+        before = search.seconds_left
+        credit += (before - reserve) / math.ceil((search.problem.T - k) / _BLOCK)
+        if credit < last:
+            return prices
+        better = reprice(k, state, prices)
+        last = before - search.seconds_left
+        credit = max(credit - last, 0.0)
+        return better
+
+    return at
 
 
 def _affordable(search: Search) -> int:

@@ -18,10 +18,10 @@ import scipy.sparse as sp
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.limited.folded import Folded
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
     near_optimal,
-    solve_flow,
 )
 from sapopt.solvers.dual_decomposition.network_plans.window_search import (
     GROUP_REGRET,

@@ -79,7 +79,7 @@ class NetworkPlans:
         plan = rolling_windows(
             self.arrays, search.best, search.settled_prices, search.rng,
             reprice=search.repricing(_WINDOW_REPRICINGS), seconds=_WINDOWS_SHARE * search.seconds_left,
-            stop=lambda: search.report(phase),
+            stop=lambda: search.report(phase), threads=self.threads,
         )  # fmt: skip
         if plan is not None:
             yield phase, plan

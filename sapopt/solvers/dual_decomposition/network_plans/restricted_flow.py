@@ -2,26 +2,19 @@
 
 With good prices one knows for every agent how much is lost, at least, if its path runs through a cell or along an arc:
 its *reduced cost*, the best path minus the best path through it. Few cells have a small reduced cost. The network of
-these cells, together with those of the incumbent, is a multi-commodity flow that HiGHS solves to optimality. Since the
+these cells, together with those of the incumbent, is a multi-commodity flow (`flow_programme` solves it). Since the
 Lagrangian bound and the relaxation of this flow agree, it is nearly integral.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array, vstack
 
 from sapopt.data.types import FloatArray, IntArray
-from sapopt.formulations.highs import Programme, SolverError, maximise
 from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays, lookup, move_cost
-
-_OPTIONS: dict[str, Any] = {"threads": 1, "mip_abs_gap": 1e-6}
-"""Several networks are solved at the same time, and none has to be proven to the last digit."""
 
 
 @njit(cache=True, borrows=True, nogil=True)
@@ -249,95 +242,3 @@ def restricted_flow(
             limit,
         )
     )
-
-
-def solve_flow(
-    flow: RestrictedFlow,
-    plan: IntArray,
-    tasks: int,
-    *,
-    gap: float = 1e-6,
-    seconds: float = np.inf,
-    stop: Callable[[], object] = lambda: False,
-    limits: tuple[Any, FloatArray] | None = None,
-) -> IntArray | None:
-    """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none.
-
-    Parameters
-    ----------
-    tasks : int
-        Number m of tasks.
-    gap : float
-        Relative gap at which the flow counts as the best.
-    seconds : float
-        Time limit.
-    stop : callable
-        Asked now and then; a true answer ends the search with the best flow so far.
-    limits : (sparse array of shape (rows, arcs), ndarray of shape (rows,)), optional
-        Further rows that the plan keeps: sums of arcs, and how great they may be.
-    """
-    starts = flow.tail < 0
-    programme, agents = _programme(flow, tasks)
-    if limits is not None:
-        rows, most = limits
-        programme = replace(
-            programme, rows=vstack([programme.rows, rows], format="csc"), high=np.append(programme.high, most),
-            low=np.append(programme.low, np.full(len(most), -np.inf)),
-        )  # fmt: skip
-    held = plan[flow.step, flow.agent] == flow.task
-    chosen = held[flow.head] & (starts | held[np.maximum(flow.tail, 0)])
-    try:
-        answer = maximise(
-            programme, seconds=seconds, tolerance=gap, start=chosen.astype(float), options=_OPTIONS,
-            watch=lambda value, bound: bool(stop()),
-        )  # fmt: skip
-    except SolverError:
-        return None
-    if answer.x is None:
-        return None
-    on = flow.head[answer.x > 0.5]
-    if len(on) != len(np.unique(flow.step)) * agents:
-        return None
-    better = plan.copy()
-    better[flow.step[on], flow.agent[on]] = flow.task[on]
-    return better
-
-
-def _programme(flow: RestrictedFlow, tasks: int) -> tuple[Programme, int]:
-    """One path for every agent, and one agent for every contested cell; and how many agents there are.
-
-    Rows: a start per agent, conservation (out = in) per cell that is not in the last step, capacity per contested cell.
-    """
-    arcs = len(flow.tail)
-    starts = flow.tail < 0
-    capacity, contested = _capacity_rows(flow, tasks)
-    order, agent_row = np.unique(flow.agent, return_inverse=True)
-    inner = flow.step < flow.step.max()
-    inner_row = np.cumsum(inner) - 1 + len(order)
-    into = inner[flow.head]
-    used = capacity[flow.head] >= 0
-    first = len(order) + int(inner.sum())
-    row = np.concatenate(
-        [
-            agent_row[flow.head[starts]],
-            inner_row[flow.head[into]],
-            inner_row[flow.tail[~starts]],
-            first + capacity[flow.head[used]],
-        ]
-    )
-    arc = np.arange(arcs)
-    column = np.concatenate([arc[starts], arc[into], arc[~starts], arc[used]])
-    sign = np.concatenate(
-        [np.ones(starts.sum()), np.ones(into.sum()), -np.ones((~starts).sum()), np.ones(used.sum())]
-    )
-    rows = csc_array((sign, (row, column)), shape=(first + contested, arcs))
-    low = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.full(contested, -np.inf)])
-    high = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.ones(contested)])
-    return Programme(flow.value, rows, low, high, np.ones(arcs), np.ones(arcs, dtype=bool)), len(order)
-
-
-def _capacity_rows(flow: RestrictedFlow, tasks: int) -> tuple[IntArray, int]:
-    """Number the cells (step, task) that more than one agent may use; -1 for the others."""
-    _, place, count = np.unique(flow.step * tasks + flow.task, return_inverse=True, return_counts=True)
-    number = np.where(count > 1, np.cumsum(count > 1) - 1, -1)
-    return number[place], int((count > 1).sum())

@@ -17,10 +17,11 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels import clock
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
+from sapopt.solvers.dual_decomposition.network_plans.rear import Rear
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
     restricted_flow,
-    solve_flow,
 )
 from sapopt.solvers.dual_decomposition.network_plans.window_search import parking_tasks, typical_benefit
 
@@ -74,6 +75,12 @@ class _Pace:
             else:
                 self.length = min(_LONGEST, self.length + 1)
 
+    def shrink(self) -> bool:
+        """Half the arcs, after a window that gave nothing in its time; False where there are no fewer."""
+        fewer = max(_FEWEST_ARCS, 0.5 * self.arcs)
+        shrunk, self.arcs = fewer < self.arcs, fewer
+        return shrunk
+
     def has_credit(self, allowed: float) -> bool:
         """Whether it is time for a repricing, and for this one; asked once a window."""
         self.credit += _REPRICING_SHARE * allowed
@@ -92,6 +99,7 @@ def rolling_windows(
     reprice: Callable[[int, IntArray, FloatArray], FloatArray] | None = None,
     seconds: float = math.inf,
     stop: Callable[[], object] = lambda: False,
+    threads: int = 1,
 ) -> IntArray | None:
     """Return the plan of the rolling windows, or None if ``stop()`` came first.
 
@@ -107,9 +115,36 @@ def rolling_windows(
         Time for everything; the windows get shorter and their networks smaller as it demands, and where it ends before
         the horizon does the agents go on as in ``plan`` (None if it ends at once). The result depends on it, and
         otherwise on ``rng``.
+    threads : int
+        With a second one, and a clock, windows behind the front are improved meanwhile (`Rear`).
     """
-    steps = arrays.steps
     end = clock.now() + seconds
+
+    def roll(joined: Callable[[IntArray, int], IntArray]) -> IntArray | None:
+        return _rolled(
+            arrays, plan, prices, rng, reprice=reprice, seconds=seconds, end=end, stop=stop, joined=joined
+        )
+
+    if threads == 1 or math.isinf(seconds):
+        return roll(lambda plan, front: plan)
+    with Rear(arrays, prices, rng.spawn(1)[0], lambda: end - clock.now()) as rear:
+        return roll(rear.joined)
+
+
+def _rolled(
+    arrays: Arrays,
+    plan: IntArray,
+    prices: FloatArray,
+    rng: np.random.Generator,
+    *,
+    reprice: Callable[[int, IntArray, FloatArray], FloatArray] | None,
+    seconds: float,
+    end: float,
+    stop: Callable[[], object],
+    joined: Callable[[IntArray, int], IntArray],
+) -> IntArray | None:
+    """The front of `rolling_windows`; ``joined(plan, front)`` hears of kept steps, returns the plan to go on with."""
+    steps = arrays.steps
     pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL, _ARCS)
     first = 0
     while True:
@@ -118,7 +153,7 @@ def rolling_windows(
         if stop():
             return None
         if left <= 0.0:
-            return None if first == 0 else plan
+            return None if first == 0 else joined(plan, first)
         last, kept = min(first + pace.length, steps), pace.length // 2
         allowed = left * kept / (steps - first)
         if first > 0 and reprice is not None and pace.has_credit(allowed):
@@ -128,12 +163,15 @@ def rolling_windows(
         flow = _fitting_flow(arrays, plan, prices, first, last, rng, pace.arcs)
         limit = min(left, _PATIENCE * allowed)
         found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit, stop=stop)
+        if found is None and math.isfinite(seconds) and pace.shrink():
+            continue  # what agents do otherwise is far worse than a smaller network
         plan = plan if found is None else found
         if math.isfinite(seconds):
             pace.learn(clock.now() - began, allowed)
         if last == steps:
-            return plan
+            return joined(plan, steps)
         first += kept
+        plan = joined(plan, first)
 
 
 def _fitting_flow(

@@ -19,7 +19,7 @@ _PAYING = 0.5
 _MEMORY = 0.5
 """Weight of the past in what an effort gains for every second."""
 
-_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 """Successive multiples of this fall evenly on a circle."""
 
 
@@ -61,7 +61,7 @@ class Rounds:
         untried = [effort for effort in self._ladder if effort not in self._rates]
         if best is None or (untried and self._rates[best] * seconds_left <= _PAYING * distance):
             best = untried[0]
-        shift = int(self._turns.get(best, 0) * _GOLDEN % 1.0 * best.length)
+        shift = int(self._turns.get(best, 0) * GOLDEN % 1.0 * best.length)
         return best, 0 if best == self._groups else shift
 
     def learn(self, effort: Effort, gain: float, seconds: float) -> None:

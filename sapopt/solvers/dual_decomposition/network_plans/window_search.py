@@ -13,10 +13,10 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
     restricted_flow,
-    solve_flow,
 )
 
 REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
@@ -81,7 +81,7 @@ def improved(
             jobs = [
                 (
                     window,
-                    pool.submit(_improve_window, arrays, base, prices, effort, *window, seed, seconds_left),
+                    pool.submit(improve_window, arrays, base, prices, effort, *window, seed, seconds_left),
                 )
                 for window, seed in list(zip(windows, seeds, strict=True))[turn::2]
             ]
@@ -96,7 +96,7 @@ def improved(
                     job.cancel()
 
 
-def _improve_window(
+def improve_window(
     arrays: Arrays,
     plan: IntArray,
     prices: FloatArray,
@@ -106,6 +106,7 @@ def _improve_window(
     seed: int,
     seconds_left: Callable[[], float],
 ) -> IntArray:
+    """Return ``plan`` (T, n) with the steps first .. last - 1 planned anew, all agents together or in groups."""
     rng = np.random.default_rng(seed)
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, effort.parking, rng)
