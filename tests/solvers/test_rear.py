@@ -6,10 +6,12 @@ import math
 import time
 
 import numpy as np
+import pytest
 from switching_problems import walking
 
 from sapopt.running.rollout import rollout
 from sapopt.solvers import HAA
+from sapopt.solvers.dual_decomposition.network_plans import rear as module
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.rear import Rear
 
@@ -41,6 +43,24 @@ def test_what_the_front_did_meanwhile_is_kept() -> None:
         rear.joined(start, 20)
         plan = rear.joined(other, 30)
     np.testing.assert_array_equal(plan[19:], other[19:])
+
+
+def test_what_goes_wrong_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of the thread is raised at the end, and does not end in silence."""
+
+    def wrong(*_: object) -> None:
+        raise ArithmeticError("wrong")
+
+    monkeypatch.setattr(module, "improve_window", wrong)
+    problem = walking(2, T=40)
+    start = rollout(problem, HAA()).plan
+    with (
+        pytest.raises(ArithmeticError, match="wrong"),
+        Rear(
+            Arrays.of(problem), np.zeros((40, problem.m)), np.random.default_rng(0), lambda: math.inf
+        ) as rear,
+    ):
+        rear.joined(start, 30)
 
 
 def test_without_time_it_does_nothing() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from types import TracebackType
 
@@ -45,11 +46,11 @@ class Rear:
     _rounds: int = 0
     _over: bool = False
     _changed: threading.Condition = field(default_factory=threading.Condition)
-    _thread: threading.Thread = field(init=False)
+    _pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1))
+    _job: Future[None] = field(init=False)
 
     def __enter__(self) -> Rear:
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
+        self._job = self._pool.submit(self._work)
         return self
 
     def __exit__(
@@ -58,7 +59,9 @@ class Rear:
         with self._changed:
             self._over = True
             self._changed.notify()
-        self._thread.join()
+        self._pool.shutdown()
+        if error is None:
+            self._job.result()  # raises what it ended with
 
     def joined(self, plan: IntArray, front: int) -> IntArray:
         """``plan`` (T, n) with what was improved of it; its steps before ``front`` may be improved from now on."""

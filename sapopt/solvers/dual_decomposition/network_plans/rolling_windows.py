@@ -127,7 +127,7 @@ def rolling_windows(
 
     if threads == 1 or math.isinf(seconds):
         return roll(lambda plan, front: plan)
-    with Rear(arrays, prices, rng.spawn(1)[0], lambda: end - clock.now()) as rear:
+    with Rear(arrays, prices, np.random.default_rng(rng.integers(2**63)), lambda: end - clock.now()) as rear:
         return roll(rear.joined)
 
 
