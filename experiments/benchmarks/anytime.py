@@ -10,15 +10,14 @@ at most 10 % over.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from experiments.benchmarks.output import keep
 from sapopt import SAP, bound, solve
-from sapopt.data.files import write_text
 from sapopt.domains.instances import scenario
 from sapopt.running.outlook import Policy
 from sapopt.solvers import (
@@ -105,7 +104,7 @@ def main(show: Callable[[str], None] = print) -> None:
     late = [row for row in rows if row["over"] > ALLOWED]
     show(f"{len(late)} of {len(rows)} runs more than 10 % late")
     if options.out:
-        write_text(options.out, json.dumps({"seed": options.seed, "rows": rows}, indent=1) + "\n")
+        keep({"seed": options.seed, "rows": rows}, options.out)
 
 
 if __name__ == "__main__":

@@ -16,9 +16,9 @@ import networkx as nx
 import numba
 import numpy as np
 
+from experiments.benchmarks.output import keep
 from experiments.benchmarks.plain_distributed import plain_cbba, plain_haald
 from sapopt import SAP
-from sapopt.data.files import write_text
 from sapopt.domains.instances import scenario
 from sapopt.solvers import CBBA, HAALD, DistributedDualLookahead
 from sapopt.solvers.distributed import play
@@ -51,7 +51,7 @@ def main() -> None:
         print(json.dumps(rows[-1]), flush=True)
     report = {"threads": numba.get_num_threads(), "steps": options.steps, "rows": rows}
     if options.out:
-        write_text(options.out, json.dumps(report, indent=1) + "\n")
+        keep(report, options.out)
 
 
 def measure(problem: SAP, policy: object, graphs: list[nx.Graph], skip_plain: bool) -> dict[str, object]:

@@ -10,7 +10,6 @@ is a flow.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import time
@@ -21,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from experiments.benchmarks.output import keep
 from sapopt import SAP, SwitchingCost, solve
-from sapopt.data.files import write_text
 from sapopt.formulations import network
 from sapopt.formulations.highs import maximise
 from sapopt.solvers.exact import Exact
@@ -61,7 +60,7 @@ def main() -> None:
                 print(f"{size:10} {name:12} {row['status']}")
     report = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count(), "rows": rows}
     if options.out:
-        write_text(options.out, json.dumps(report, indent=1) + "\n")
+        keep(report, options.out)
 
 
 def warm_up() -> None:

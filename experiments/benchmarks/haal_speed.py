@@ -20,9 +20,9 @@ import time
 
 import numpy as np
 
+from experiments.benchmarks.output import keep
 from experiments.benchmarks.plain import plain_step
 from sapopt import SAP
-from sapopt.data.files import write_text
 from sapopt.data.windows import WindowSums
 from sapopt.domains.instances import instance
 from sapopt.running.outlook import Outlook
@@ -51,7 +51,7 @@ def main() -> None:
               "lookahead": options.lookahead, "seed": options.seed, "rows": rows}  # fmt: skip
     print(json.dumps(report, indent=1))
     if options.out:
-        write_text(options.out, json.dumps(report, indent=1) + "\n")
+        keep(report, options.out)
 
 
 def compare(size: str, options: argparse.Namespace) -> dict[str, object]:

@@ -30,7 +30,13 @@ def finish(figures: Mapping[str, Any], out: str | None) -> None:
         "machine": platform.machine(), "python": platform.python_version(),
         "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg(),
     }  # fmt: skip
-    text = json.dumps(machine | dict(figures), indent=1)
-    print(text)
+    figures = machine | dict(figures)
+    print(json.dumps(figures, indent=1))
     if out:
-        write_text(out, text + "\n")
+        keep(figures, out)
+
+
+def keep(figures: Mapping[str, Any], out: str | Path) -> None:
+    """Write figures to a file, whose folder is made if need be: nobody runs a benchmark twice for a folder."""
+    Path(out).parent.mkdir(parents=True, exist_ok=True)
+    write_text(out, json.dumps(figures, indent=1) + "\n")
