@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from switching_problems import walking
 
-from sapopt.solvers.dual_decomposition.network_plans import NetworkPlans
+from sapopt import SAP, Status, SwitchingCost, solve
+from sapopt.solvers import DualDecomposition, Exact
+from sapopt.solvers.dual_decomposition.network_plans import NetworkPlans, builder
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.builder import WHOLE
 from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING
 
 
@@ -34,3 +38,41 @@ def test_the_gap_of_the_first_plan_says_what_comes_next(gap: float, left: float,
     )  # fmt: skip
     found = NetworkPlans(Arrays.of(problem), threads=1).rolling(search)  # type: ignore[arg-type]
     assert [phase for phase, _ in found] == phases
+
+
+@pytest.mark.parametrize("tasks", [6, 8])
+@pytest.mark.parametrize("seed", range(3))
+def test_small_problems_end_with_the_best_plan(seed: int, tasks: int) -> None:
+    """With a clock the whole horizon is solved at once, where a better plan has few cells to choose from."""
+    problem = SAP(np.random.default_rng(seed).random((12, 6, tasks)), SwitchingCost(0.5))
+    best = solve(problem, Exact())
+    assert best.status is Status.OPTIMAL
+    found = solve(problem, DualDecomposition(), time_limit=20.0, seed=0)
+    assert found.value == pytest.approx(best.value, rel=1e-6)
+
+
+def test_cells_that_no_better_plan_uses_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The network's reduced cost is the distance between bound and plan, and it is tried again once that has shrunk."""
+    problem = walking(0, cost=1.0)
+    arrays = Arrays.of(problem)
+    plans = NetworkPlans(arrays, threads=1)
+    seen: list[float] = []
+    whole = builder.restricted_flow
+
+    def network(*options: Any) -> object:
+        seen.append(options[6])
+        return whole(*options)
+
+    monkeypatch.setattr(builder, "restricted_flow", network)
+    best = np.tile(np.arange(problem.n), (problem.T, 1))
+    prices = np.zeros((problem.T, problem.m))
+    value = arrays.value(best)
+    for distance in (4.0, 3.9, 3.0, 0.0):
+        search = SimpleNamespace(
+            best=best, settled_prices=prices, value=value, bound=value + distance, seconds_left=10.0,
+            report=lambda phase: False,
+        )  # fmt: skip
+        for phase, plan in plans._whole(search):  # type: ignore[arg-type]
+            assert phase == WHOLE
+            assert arrays.value(plan) >= value - 1e-9
+    assert seen == pytest.approx([4.0, 3.0])

@@ -12,13 +12,18 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.problem.sap import SAP
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
 from sapopt.solvers.dual_decomposition.network_plans.path_sweeps import sweep_by_arrays
 from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
+from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import restricted_flow
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
 from sapopt.solvers.dual_decomposition.network_plans.rounds import Rounds
 from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
 from sapopt.solvers.dual_decomposition.network_plans.window_search import improved
 from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Search, repriced_rolling
+
+WHOLE = "the whole horizon"
+"""A phase: the best plan of all cells that a better plan may use."""
 
 _WIDE_GAP = 0.025
 """Gap of the rolling assignment above which rolling windows, which take longer, are worth their time."""
@@ -35,6 +40,15 @@ _WINDOW_REPRICINGS = 20
 
 _REPRICING_SHARE = 0.5
 """Share of the time left that the repricing of a large problem may take."""
+
+_WHOLE_ARCS = 20_000
+"""Arcs up to which the whole horizon is solved at once."""
+
+_WHOLE_SHARE = 0.5
+"""Share of the time left that it may take."""
+
+_SHRUNK = 0.95
+"""It is tried again where the distance between bound and plan has shrunk to this share."""
 
 _REPRICED_WINDOW = 10
 """Steps whose prices are improved before each step of a large problem."""
@@ -96,6 +110,8 @@ class NetworkPlans:
 
     def improve(self, search: Search, turn: int) -> Iterator[Found]:
         """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
+        if math.isfinite(search.seconds_left):
+            yield from self._whole(search)
         began, before = search.seconds_left, search.value
         if math.isinf(began):
             effort, shift = self._rounds.planned(turn)
@@ -109,6 +125,31 @@ class NetworkPlans:
             yield f"windows of {effort.length} steps", plan
         if math.isfinite(began):
             self._rounds.learn(effort, search.value - before, began - search.seconds_left)
+
+    def _whole(self, search: Search) -> Iterator[Found]:
+        """The whole horizon at once, where few cells are left that a better plan may use.
+
+        A plan loses, against the bound, at least the reduced cost of each of its cells. So no plan that is better than
+        the best one uses a cell whose reduced cost is above the distance between the two.
+        """
+        arrays, distance = self.arrays, search.bound - search.value
+        if not 0.0 < distance <= _SHRUNK * self._rounds.whole_tried:
+            return
+        self._rounds.whole_tried = distance
+        anywhere = arrays.agents * arrays.tasks * arrays.steps <= _WHOLE_ARCS
+        parking = np.tile(np.arange(arrays.tasks if anywhere else 0), (arrays.agents, 1))
+        flow = restricted_flow(
+            arrays, search.best, search.settled_prices, np.arange(arrays.agents), 0, arrays.steps, distance, parking,
+            _WHOLE_ARCS,
+        )  # fmt: skip
+        if len(flow.tail) > _WHOLE_ARCS:
+            return
+        plan = solve_flow(
+            flow, search.best, arrays.tasks, seconds=_WHOLE_SHARE * search.seconds_left,
+            stop=lambda: search.report(WHOLE),
+        )  # fmt: skip
+        if plan is not None:
+            yield WHOLE, plan
 
     def promises(self, plan: IntArray, value: float) -> bool:
         """By the compiled value of the plan."""

@@ -31,9 +31,12 @@ class Rounds:
     ----------
     steps : int
         Steps T of the horizon.
+    whole_tried : float
+        Distance between bound and plan at which the whole horizon was solved at once for the last time.
     """
 
     steps: int
+    whole_tried: float = math.inf
     _rates: dict[Effort, float] = field(default_factory=dict)
     """Gain for every second of the efforts that were tried."""
     _turns: dict[Effort, int] = field(default_factory=dict)
