@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from switching_problems import walking
 
-from sapopt import SAP, Status, SwitchingCost, solve
-from sapopt.solvers import DualDecomposition, Exact
+from sapopt import SAP, SwitchingCost, solve
+from sapopt.solvers import DualDecomposition
 from sapopt.solvers.dual_decomposition.network_plans import NetworkPlans, builder
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.builder import WHOLE
@@ -40,15 +40,11 @@ def test_the_gap_of_the_first_plan_says_what_comes_next(gap: float, left: float,
     assert [phase for phase, _ in found] == phases
 
 
-@pytest.mark.parametrize("tasks", [6, 8])
-@pytest.mark.parametrize("seed", range(3))
-def test_small_problems_end_with_the_best_plan(seed: int, tasks: int) -> None:
-    """With a clock the whole horizon is solved at once, where a better plan has few cells to choose from."""
-    problem = SAP(np.random.default_rng(seed).random((12, 6, tasks)), SwitchingCost(0.5))
-    best = solve(problem, Exact())
-    assert best.status is Status.OPTIMAL
-    found = solve(problem, DualDecomposition(), time_limit=20.0, seed=0)
-    assert found.value == pytest.approx(best.value, rel=1e-6)
+def test_the_whole_horizon_is_solved_where_windows_end_below_the_optimum() -> None:
+    """9 agents, 12 tasks, 20 steps: `Exact` proves 120.8305, windows of ten steps end at 120.7589."""
+    problem = SAP(np.random.default_rng(21).random((20, 9, 12)), SwitchingCost(0.5))
+    found = solve(problem, DualDecomposition(), time_limit=40.0, seed=21)
+    assert found.value == pytest.approx(120.830456, abs=1e-6)
 
 
 def test_cells_that_no_better_plan_uses_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
