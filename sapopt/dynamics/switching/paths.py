@@ -28,9 +28,6 @@ from sapopt.dynamics.switching.soft_matrix import soft_matrix_paths
 from sapopt.dynamics.switching.soft_waits import SoftWaiting
 from sapopt.kernels.blocks import in_blocks, summed_in_blocks, work_array
 
-_LEAST_TURNS = 25_000
-"""Turns of a loop below which a soft path takes about as long as to find out what it could do without."""
-
 _ONE_CALL = 200_000
 """Turns of the smoothed recursion up to which one thread does all in one call: calls of several threads, each with
 arrays of its own, cost as much as the second thread saves (0.2 ms)."""
@@ -173,11 +170,6 @@ class StrictSwitching(_Switching):
         if not self.park:  # every task is listed
             leave, dues = leave[:, :0], dues[:0]
         return rows.sorted_rows(self.slots, values, leave, dues)
-
-    @property
-    def worth_narrowing(self) -> bool:
-        """Whether an iteration takes more than some tens of microseconds."""
-        return self._turns >= _LEAST_TURNS
 
     def narrowed(self, prices: FloatArray, regret: float) -> StrictSwitching:
         """The same problem without the benefits that no path within `regret` of its agent's best one collects."""
