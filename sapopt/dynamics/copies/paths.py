@@ -2,11 +2,12 @@
 
 The charge of a move depends on where it leads, never on where it comes from, so one maximum over all tasks serves every
 state: O(T m) an agent. Where an agent must see what it acquires and idling costs nothing, the tasks out of sight are
-alike, and O(T (R + tasks in sight)) is enough (`seen`), R the number of real tasks.
+alike, and O(T (R + tasks in sight)) is enough (`seen`), R the number of real tasks; O(tasks in sight) when smoothed.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,9 @@ import numpy as np
 from sapopt.data.types import FloatArray, IntArray, root_mean_square
 from sapopt.dynamics.copies import hard as kernels
 from sapopt.dynamics.copies import seen as seen
+from sapopt.dynamics.paths.rows import most_entries
 from sapopt.dynamics.paths.window import checked_prices, coldest_temperature, flat_benefits
+from sapopt.kernels.blocks import summed_in_blocks
 
 if TYPE_CHECKING:
     from sapopt.dynamics.copies.model import SyntheticSwitching
@@ -60,7 +63,12 @@ class SyntheticPaths:
 
     @property
     def coldest(self) -> float:
-        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
+        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats.
+
+        Any will do where only tasks in sight matter, for logarithms of weights stand there.
+        """
+        if self.sparse:
+            return 0.0
         highest = float(np.max(self.window.data[np.isfinite(self.window.data)], initial=0.0))
         return coldest_temperature(self.window.cost + max(self.window.forfeit, 1e-2) * highest)
 
@@ -92,17 +100,39 @@ class SyntheticPaths:
         # Every agent holds one task at every step, so what all tasks of a step cost alike changes no choice.
         alike = p.min(axis=1)
         p = p - alike[:, None]
-        values, usage = np.empty(self._shape[1]), np.zeros(p.shape)
-        which = seen.soft_paths if self.sparse else kernels.soft_paths
-        which(self.window, p, np.exp(-p / temperature), float(temperature), values, usage)
+        weight = np.exp(-p / temperature)
+        if self.sparse:
+            values, usage = self._soft_in_sight(p, weight, float(temperature))
+        else:
+            values, usage = np.empty(self._shape[1]), np.zeros(p.shape)
+            kernels.soft_paths(self.window, p, weight, float(temperature), values, usage)
         return values - alike.sum(), usage
+
+    def _soft_in_sight(
+        self, p: FloatArray, weight: FloatArray, temperature: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """`soft_paths` by what is in sight alone."""
+        T, n, m = self._shape
+        values = np.empty(n)
+        usage, common = summed_in_blocks(
+            seen.soft_paths, n, ((T, m), (T,)), self.window, p, weight, weight.sum(axis=1), temperature, values,
+            scratch=partial(seen.seen_scratch, T, m, self.window.real_count, most_entries(self.window.indptr, n)),
+            turns=20.0 * len(self.window.data),
+        )  # fmt: skip
+        usage += weight * common[:, None]
+        np.maximum(usage, 0.0, out=usage)
+        if np.isnan(values).any():
+            values[:], usage[:] = np.nan, np.nan
+        return values, usage
 
     def _paths(self, agents: IntArray, prices: FloatArray) -> tuple[FloatArray, IntArray]:
         values = np.empty(len(agents))
         plan = np.empty((self._shape[0], len(agents)), dtype=np.int64)
         p = self._prices(prices)
         if self.sparse:
-            seen.paths(agents, self.window, p, np.argsort(p, axis=1), values, plan)
+            # Sorting pays where many agents look for their cheapest task.
+            order = np.argsort(p, axis=1) if len(agents) > 1 else np.empty((len(p), 0), dtype=np.int64)
+            seen.paths(agents, self.window, p, order, values, plan)
         else:
             kernels.paths(agents, self.window, p, values, plan)
         return values, plan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -204,6 +205,33 @@ def test_no_weight_in_the_range_of_floats(start: list[int] | None) -> None:
             assert result.bound is None or result.bound >= best - 1e-12
 
 
+@pytest.mark.parametrize("temperature", [100.0, 1.0, 0.01])
+@pytest.mark.parametrize("seed", range(12))
+def test_smoothed_paths_where_much_is_forfeited(seed: int, temperature: float) -> None:
+    """Against all paths, one by one: what is forfeited may be a hundred thousand temperatures."""
+    rng = np.random.default_rng(seed)
+    T, m = 4, 4
+    benefits = np.where(
+        rng.random((T, 1, m)) < 0.5, 0.0, np.round(10.0 ** rng.uniform(-2.0, 3.0, (T, 1, m)), 3)
+    )
+    benefits[rng.random(benefits.shape) < 0.1] *= -1.0
+    start = (int(rng.integers(m)),) if seed % 2 else None
+    dynamics = SyntheticSwitching(0.0, 1.0, task_of=[0, 0, 1, 2] if seed % 3 else None, needs_sight=True)
+    problem = SAP(benefits, dynamics, start)
+    prices = np.where(rng.random((T, m)) < 0.5, 0.0, 10.0 ** rng.uniform(-2.0, 2.0, (T, m)))
+    plans = np.array(list(product(range(m), repeat=T)))
+    worth = np.array([problem.evaluate(plan[:, None]).value for plan in plans])
+    worth -= prices[np.arange(T), plans].sum(axis=1)
+    weight = np.exp((worth - worth.max()) / temperature)
+    oracle = path_oracle(problem.model, problem.benefits, problem.initial_state())
+    assert isinstance(oracle, SoftPathOracle)
+    assert oracle.coldest <= temperature
+    values, usage = oracle.soft_paths(prices, temperature)
+    assert values[0] == pytest.approx(worth.max() + temperature * np.log(weight.sum()), rel=1e-12)
+    shares = [[weight[plans[:, k] == j].sum() / weight.sum() for j in range(m)] for k in range(T)]
+    np.testing.assert_allclose(usage, shares, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_smoothed_paths_at_any_prices(seed: int) -> None:
     """However high the prices, smoothed values are no numbers or above the longest paths."""
@@ -213,12 +241,13 @@ def test_smoothed_paths_at_any_prices(seed: int) -> None:
     idle, sight = bool(rng.integers(2)), bool(rng.integers(2))
     problem = SAP(benefits, SyntheticSwitching(0.3, 0.5, idle_is_free=idle, needs_sight=sight))
     oracle = path_oracle(problem.model, problem.benefits, None)
+    cold = 1.05 * max(oracle.coldest, 1e-3)
     for size in (1.0, 1e3, 1e6):
         prices = size * rng.random((3, 3))
-        values, usage = oracle.soft_paths(prices, oracle.coldest * 1.05)
+        values, usage = oracle.soft_paths(prices, cold)
         if np.isfinite(values).all():
             assert (values >= oracle.best_paths(prices)[0] - 1e-9 * size).all()
             assert size > 1.0 or usage.sum(axis=1) == pytest.approx(2.0, rel=1e-6)
-    lifted, _ = oracle.soft_paths(np.full((3, 3), 1e6), oracle.coldest * 1.05)
-    level, _ = oracle.soft_paths(np.zeros((3, 3)), oracle.coldest * 1.05)
+    lifted, _ = oracle.soft_paths(np.full((3, 3), 1e6), cold)
+    level, _ = oracle.soft_paths(np.zeros((3, 3)), cold)
     np.testing.assert_allclose(lifted + 3e6, level, rtol=0, atol=1e-6)
