@@ -43,17 +43,17 @@ def test_tiny_problems_meet_enumeration() -> None:
 
 
 def test_dear_moves_are_planned_better_than_step_by_step() -> None:
-    """On average over five small constellations whose moves cost as much as some visits earn."""
+    """On average over ten small constellations whose moves cost more than most visits earn."""
     windows = steps = 0.0
-    for seed in range(5):
-        problem = walking(seed, cost=1.0)
+    for seed in range(10):
+        problem = walking(seed, cost=3.0)
         prices = prices_of(problem)
         plan, other = planned(problem, prices), plan_by_futures(Arrays.of(problem), prices)
         assert plan is not None
         assert other is not None
         windows += problem.evaluate(plan).value
         steps += problem.evaluate(other).value
-    assert windows > 1.003 * steps
+    assert windows > 1.01 * steps
 
 
 def test_prices_are_improved_before_every_window_but_the_first() -> None:

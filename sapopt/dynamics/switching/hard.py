@@ -33,6 +33,9 @@ from sapopt.kernels.jit import njit
 _FAST = {"nnan", "nsz"}
 _NEG = -np.inf
 
+_SMALL = 10_000
+"""Numbers in the arguments of `_list_slots` up to which it takes a millisecond interpreted."""
+
 
 def find_slots(window: Window, m: int, everyone: np.ndarray) -> Slots:
     """The slots of the agents: the tasks that they see or hold, and those of `everyone` (m,) bool."""
@@ -49,7 +52,7 @@ def find_slots(window: Window, m: int, everyone: np.ndarray) -> Slots:
     return Slots(ptr, task, entry)
 
 
-@njit(cache=True, borrows=True, nogil=True)
+@njit(cache=True, borrows=True, nogil=True, small=_SMALL)
 def _list_slots(window, common, filling, mark, place, ptr, task, entry):
     """Count the tasks of every agent i into ``ptr[i + 1]``, or fill `task` and `entry`; `mark` (m,) holds zeros."""
     n, indptr, indices = window.n, window.indptr, window.indices

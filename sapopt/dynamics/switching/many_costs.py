@@ -87,6 +87,11 @@ class ManyCosts:
         self.whole.spread(whole, waiting, mass, usage)
         return values, usage
 
+    @property
+    def worth_narrowing(self) -> bool:
+        """Whether some of the agents are."""
+        return any(part.worth_narrowing for _, part in self.parts)
+
     def narrowed(self, prices: FloatArray, regret: float) -> ManyCosts:
         """The same problem without the benefits that no path within `regret` of its agent's best one collects."""
         return ManyCosts(self.whole, [(agents, part.narrowed(prices, regret)) for agents, part in self.parts])

@@ -28,9 +28,16 @@ from sapopt.dynamics.switching.soft_matrix import soft_matrix_paths
 from sapopt.dynamics.switching.soft_waits import SoftWaiting
 from sapopt.kernels.blocks import in_blocks, summed_in_blocks, work_array
 
+_LEAST_TURNS = 25_000
+"""Turns of a loop below which a soft path takes about as long as to find out what it could do without."""
+
 _ONE_CALL = 200_000
 """Turns of the smoothed recursion up to which one thread does all in one call: calls of several threads, each with
 arrays of its own, cost as much as the second thread saves (0.2 ms)."""
+
+_FEW_STEPS = 16
+"""Steps up to which all is done in one call. It takes a second to compile, which policies that plan thousands of short
+windows win back; over a whole horizon three calls cost little more, and large problems need them anyhow."""
 
 
 class _Switching:
@@ -171,6 +178,11 @@ class StrictSwitching(_Switching):
             leave, dues = leave[:, :0], dues[:0]
         return rows.sorted_rows(self.slots, values, leave, dues)
 
+    @property
+    def worth_narrowing(self) -> bool:
+        """Whether an iteration takes more than some tens of microseconds."""
+        return self._turns >= _LEAST_TURNS
+
     def narrowed(self, prices: FloatArray, regret: float) -> StrictSwitching:
         """The same problem without the benefits that no path within `regret` of its agent's best one collects."""
         p = self._prices(prices)
@@ -253,7 +265,7 @@ class StrictSwitching(_Switching):
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
         smoothing = self.smoothing(prices, temperature)
-        if self.park and not self.excluded.all() and 5.0 * self._turns < _ONE_CALL:
+        if self.park and not self.excluded.all() and T <= _FEW_STEPS and 5.0 * self._turns < _ONE_CALL:
             best = self._best_waits(smoothing)
             if best.min() > waits.LEAST:
                 waiting = SoftWaiting(True, True, best, np.zeros((T, T + 1)), np.zeros((T + 1, T)))

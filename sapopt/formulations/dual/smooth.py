@@ -26,6 +26,10 @@ from sapopt.dynamics.paths.oracles import SoftPathOracle
 class NarrowingOracle(SoftPathOracle, Protocol):
     """An oracle that can leave out what no good path uses."""
 
+    @property
+    def worth_narrowing(self) -> bool:
+        """Whether it is so large that leaving something out saves more than finding out what."""
+
     def narrowed(self, prices: FloatArray, regret: float) -> SoftPathOracle:
         """The same problem without what no path within `regret` of its agent's best one uses."""
 
@@ -146,7 +150,7 @@ class SmoothDescent:
         self, oracle: SoftPathOracle, state: SmoothState
     ) -> tuple[SoftPathOracle | Blocks, SmoothState]:
         """An oracle that does for the next few steps (about ten), and the state to go on from with it."""
-        if not isinstance(oracle, NarrowingOracle):
+        if not isinstance(oracle, NarrowingOracle) or not oracle.worth_narrowing:
             return oracle, state
         # the values of two oracles differ, so the next one is not to be compared with the last one
         anew = replace(state, value=np.inf)
