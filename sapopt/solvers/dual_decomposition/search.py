@@ -39,8 +39,11 @@ _DUAL_SHARE = 0.35
 _DUAL_REST = 0.5
 """Seconds of further ascent for every second of windows, until the ascent converges."""
 
+_RESTING = 0.5
+"""What is left of these seconds when an ascent has closed less than `_LEAST_GAIN` of the gap."""
+
 _LEAST_GAIN = 0.02
-"""Share of the gap that a further round of a large problem must close for another one to follow."""
+"""Share of the gap that a further ascent, or round of a large problem, must close for another one as long to follow."""
 
 _QUIET = 6
 """Rounds without a better plan after which the search ends, if the prices have settled as well."""
@@ -169,6 +172,7 @@ class DualSearch:
     def rounds_of_plans(self) -> Iterator[None]:
         """Improve the best plan by what pays, and the prices beside, until neither gets better."""
         quiet = windows = 0
+        rest = _DUAL_REST
         for _ in self.turns():
             began, before = self.run.seconds, self.value
             way = self.portfolio.turn(self.bound - self.value, self.seconds_left)
@@ -179,7 +183,12 @@ class DualSearch:
                 yield from self.offered(way.improve(self))
             self.portfolio.learn(way, self.value - before, self.run.seconds - began)
             if not self.settled:
-                self.ascend(_DUAL_REST * (self.run.seconds - began))
+                bound = self.bound
+                self.ascend(rest * (self.run.seconds - began))
+                if math.isfinite(self.seconds_left) and bound - self.bound < _LEAST_GAIN * (
+                    bound - self.value
+                ):
+                    rest *= _RESTING
                 yield
             quiet = quiet + 1 if self.value <= before + 1e-6 * abs(before) else 0
             if quiet >= _QUIET and self.settled and (self.run.time_limit is None or self.portfolio.is_tired):

@@ -23,6 +23,7 @@ from sapopt.solvers.base import EXTRAS, Outcome
 from sapopt.solvers.dual_decomposition.copied_plans import CopiedPlans
 from sapopt.solvers.dual_decomposition.network_plans import LargeNetworkPlans, NetworkPlans
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import wait_anywhere
 from sapopt.solvers.dual_decomposition.oracle_plans import OraclePlans
 from sapopt.solvers.dual_decomposition.plans import (
     PlanBuilder,
@@ -182,7 +183,7 @@ class DualDecomposition:
                 f"dynamics: {problem.model.called} is not agent-local (it has neither path_oracle nor "
                 "local_model), so no prices take its agents apart; HAAL and Exact(method='dp') serve any dynamics"
             )
-        builder = _network_builder(self, problem) if switching else _oracle_builder(self, problem)
+        builder = _network_builder(self, problem, run) if switching else _oracle_builder(self, problem)
         start = rollout(problem, HAA(), run.part()).plan if run.start is None else run.start
         return DualSearch(self, problem, builder, run, start)
 
@@ -194,11 +195,12 @@ def _oracle_builder(options: DualDecomposition, problem: SAP) -> PlanBuilder:
     return OraclePlans(problem, oracle)
 
 
-def _network_builder(options: DualDecomposition, problem: SAP) -> PlanBuilder:
+def _network_builder(options: DualDecomposition, problem: SAP, run: Run) -> PlanBuilder:
     """For the plain switching rule: whether a matrix of all agents and tasks is too much, and can be done without."""
     arrays = Arrays.of(problem)
     if problem.n * problem.m > _LARGE and isinstance(
         paths_from(options, problem, problem.T - 1, None), FirstRowsOracle
     ):
-        return LargeNetworkPlans(problem, arrays)
+        in_windows = run.time_limit is not None and wait_anywhere(arrays)
+        return LargeNetworkPlans(problem, arrays, options.threads, in_windows)
     return NetworkPlans(arrays, options.threads)

@@ -19,7 +19,8 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import rest
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
 from sapopt.solvers.dual_decomposition.network_plans.rounds import Rounds
 from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
-from sapopt.solvers.dual_decomposition.network_plans.window_search import improved
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import wait_anywhere
+from sapopt.solvers.dual_decomposition.network_plans.window_search import efforts_for, improved
 from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Search, repriced_rolling
 
 WHOLE = "the whole horizon"
@@ -72,13 +73,15 @@ class NetworkPlans:
     _rounds: Rounds = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_rounds", Rounds(self.arrays.steps))
+        object.__setattr__(self, "_rounds", Rounds(self.arrays.steps, efforts_for(self.arrays)))
 
     def rolling(self, search: Search) -> Iterator[Found]:
         """A rolling assignment; then rolling windows where it left a wide gap, or another one with repricing."""
         plan = plan_by_futures(self.arrays, search.settled_prices, lambda: search.report(ROLLING))
         if plan is not None:
             yield ROLLING, plan
+        if wait_anywhere(self.arrays) and math.isfinite(search.seconds_left):
+            return  # windows gain more for their time than another one with better prices
         has_spare = self.arrays.agents < self.arrays.tasks
         if has_spare and search.gap > _WIDE_GAP:
             yield from self._windows_ahead(search)
@@ -112,19 +115,7 @@ class NetworkPlans:
         """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
         if math.isfinite(search.seconds_left):
             yield from self._whole(search)
-        began, before = search.seconds_left, search.value
-        if math.isinf(began):
-            effort, shift = self._rounds.planned(turn)
-        else:
-            effort, shift = self._rounds.paying(search.bound - before, began)
-        plans = improved(
-            self.arrays, search.best, search.settled_prices, effort, shift, search.rng,
-            threads=self.threads, seconds_left=lambda: search.seconds_left,
-        )  # fmt: skip
-        for plan in plans:
-            yield f"windows of {effort.length} steps", plan
-        if math.isfinite(began):
-            self._rounds.learn(effort, search.value - before, began - search.seconds_left)
+        yield from _round_of_windows(self.arrays, self._rounds, search, turn, self.threads)
 
     def _whole(self, search: Search) -> Iterator[Found]:
         """The whole horizon at once, where few cells are left that a better plan may use.
@@ -156,6 +147,25 @@ class NetworkPlans:
         return self.arrays.value(plan) > value + 1e-9
 
 
+def _round_of_windows(
+    arrays: Arrays, rounds: Rounds, search: Search, turn: int, threads: int
+) -> Iterator[Found]:
+    """The windows of one round, and what there is to learn from it."""
+    began, before = search.seconds_left, search.value
+    if math.isinf(began):
+        effort, shift = rounds.planned(turn)
+    else:
+        effort, shift = rounds.paying(search.bound - before, began)
+    plans = improved(
+        arrays, search.best, search.settled_prices, effort, shift, search.rng,
+        threads=threads, seconds_left=lambda: search.seconds_left,
+    )  # fmt: skip
+    for plan in plans:
+        yield f"windows of {effort.length} steps", plan
+    if math.isfinite(began):
+        rounds.learn(effort, search.value - before, began - search.seconds_left)
+
+
 @dataclass(frozen=True, eq=False)
 class LargeNetworkPlans:
     """Plans where a matrix of all agents and tasks at every step is too much (a `PlanBuilder`).
@@ -166,11 +176,25 @@ class LargeNetworkPlans:
         Its dynamics values first tasks in sparse form (`sapopt.dynamics.paths.first_rows.FirstRowsOracle`).
     arrays : Arrays
         The same problem.
+    threads : int
+        Windows solved at the same time.
+    in_windows : bool
+        Whether windows improve the best plan, as with `NetworkPlans`; else all is planned again with better prices.
     """
 
     problem: SAP
     arrays: Arrays
-    lives_on_prices: bool = True
+    threads: int
+    in_windows: bool
+    _rounds: Rounds = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_rounds", Rounds(self.arrays.steps, efforts_for(self.arrays)))
+
+    @property
+    def lives_on_prices(self) -> bool:
+        """See `PlanBuilder`."""
+        return not self.in_windows
 
     def rolling(self, search: Search) -> Iterator[Found]:
         """Rolling assignments that look at a window of steps, without and with improved prices."""
@@ -179,7 +203,7 @@ class LargeNetworkPlans:
             return _REPRICING_SHARE * search.seconds_left / (self.problem.T - k)
 
         ways: dict[str, dict[str, Any]] = {ROLLING: {}}
-        if search.most_repricings:
+        if search.most_repricings and not self.in_windows:
             ways[REPRICED] = {
                 "window": _REPRICED_WINDOW, "iterations": 2 * search.most_repricings, "seconds": seconds
             }  # fmt: skip
@@ -202,7 +226,9 @@ class LargeNetworkPlans:
         return sweep_by_arrays(self.arrays, plan, prices, rng, seconds_left)
 
     def improve(self, search: Search, turn: int) -> Iterator[Found]:
-        """Plan again with the prices as they are now: networks of windows gain less here."""
+        """Windows where there are places to wait; else plan again with the prices as they are now, which gains more."""
+        if self.in_windows:
+            return _round_of_windows(self.arrays, self._rounds, search, turn, self.threads)
         return self.rolling(search)
 
     def promises(self, plan: IntArray, value: float) -> bool:

@@ -19,6 +19,7 @@ from scipy.sparse import csc_array, vstack
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import Programme, SolverError, maximise
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import RestrictedFlow
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Places
 
 _OPTIONS: dict[str, Any] = {"threads": 1, "mip_abs_gap": 1e-6}
 """Several networks are solved at the same time, and none has to be proven to the last digit."""
@@ -31,6 +32,9 @@ _NOTHING = 1e-9
 
 _WHOLE = 1e-6
 """How far from a whole number a column of the relaxation may be."""
+
+_NOBODY = -1
+"""Agent of the columns that are nobody's."""
 
 _LOST, _LOST_VALUE = 0.1, 1e-3
 """Shares of what could be gained, and of all the value, that may be lost by keeping what is whole in the relaxation."""
@@ -45,6 +49,7 @@ def solve_flow(
     seconds: float = np.inf,
     stop: Callable[[], object] = lambda: False,
     limits: tuple[Any, FloatArray] | None = None,
+    places: Places | None = None,
 ) -> IntArray | None:
     """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none.
 
@@ -60,17 +65,23 @@ def solve_flow(
         Asked now and then; a true answer ends the search with the best flow so far.
     limits : (sparse array of shape (rows, arcs), ndarray of shape (rows,)), optional
         Further rows that the plan keeps: sums of arcs, and how great they may be.
+    places : Places, optional
+        Where agents wait, if ``flow`` has tasks that stand for waiting (`waiting_places.waiting_flow`).
     """
     columns = _columns(flow)
-    programme, agents = _programme(flow, columns, tasks)
+    programme, agents = _paths(flow, columns)
     if limits is not None:
         rows, most = limits
-        programme = replace(
-            programme, rows=vstack([programme.rows, columns.limited(rows)], format="csc"),
-            high=np.append(programme.high, most), low=np.append(programme.low, np.full(len(most), -np.inf)),
-        )  # fmt: skip
+        programme = _limited(programme, columns.limited(rows), most)
+    if places is None:
+        programme = _limited(programme, *_capacities(flow, columns, tasks))
+    else:
+        programme = places.added(programme, flow, columns.tail, columns.head)
     held = plan[flow.step, flow.agent] == flow.task
     chosen = columns.chosen(flow, held[flow.head] & ((flow.tail < 0) | held[np.maximum(flow.tail, 0)]))
+    count, width = len(chosen), len(programme.gain)
+    chosen = np.append(chosen, np.zeros(width - count))
+    owners = np.append(columns.agents(flow), np.full(width - count, _NOBODY))
     end = time.monotonic() + seconds
 
     def solved(programme: Programme, **options: Any) -> FloatArray | None:
@@ -80,17 +91,19 @@ def solve_flow(
         return answer.x
 
     try:
-        x = _integral(programme, columns.agents(flow), chosen, solved)
+        x = _integral(programme, owners, chosen, solved, thorough=places is None)
     except SolverError:
         return None
     if x is None:
         return None
-    on = columns.head[x > 0.5]
+    on = columns.head[x[:count] > 0.5]
     on = on[on < len(flow.agent)]
     if len(on) != len(np.unique(flow.step)) * agents:
         return None
     better = plan.copy()
     better[flow.step[on], flow.agent[on]] = flow.task[on]
+    if places is not None:
+        better[places.first : places.last] = places.placed(better[places.first : places.last], x[count:])
     return better
 
 
@@ -99,11 +112,13 @@ def _integral(
     agents: IntArray,
     start: FloatArray,
     solved: Callable[..., FloatArray | None],
+    *,
+    thorough: bool,
 ) -> FloatArray | None:
     """Whole columns: those of the relaxation, where most agents' paths are whole, and the others planned beside them.
 
-    The programme is solved as it stands only where that gives none or loses much of what could be gained over
-    ``start``; ``agents`` are those of the columns.
+    The programme is solved as it stands only where that gives none or, if the search is `thorough`, loses much of what
+    could be gained over ``start``; ``agents`` are those of the columns, `_NOBODY` where they belong to none.
     """
     method = "ipm" if len(programme.gain) >= _INTERIOR else "simplex"
     relaxed = solved(programme, relaxed=True, options=_OPTIONS | {"solver": method})
@@ -115,11 +130,10 @@ def _integral(
     torn = np.unique(agents[np.abs(relaxed - np.round(relaxed)) > _WHOLE])
     if len(torn) == 0:
         return np.round(relaxed)
-    open_columns = np.isin(agents, torn) | (relaxed > 0.5)
-    x = solved(replace(programme, upper=open_columns.astype(float)), options=_OPTIONS)
-    if x is not None and programme.value(relaxed) - programme.value(x) <= min(
-        _LOST * possible, _LOST_VALUE * size
-    ):
+    is_open = np.isin(agents, torn) | (agents == _NOBODY) | (relaxed > 0.5)
+    x = solved(replace(programme, upper=np.where(is_open, programme.upper, 0.0)), options=_OPTIONS)
+    lost = np.inf if x is None else programme.value(relaxed) - programme.value(x)
+    if lost <= min(_LOST * possible, _LOST_VALUE * size) or (not thorough and lost < possible):
         return x
     better = start if x is None or programme.value(x) < programme.value(start) else x
     x = solved(programme, start=better, options=_OPTIONS)
@@ -213,40 +227,46 @@ def _firsts(cell: IntArray, hub: IntArray) -> tuple[IntArray, IntArray]:
     return first, hub[first]
 
 
-def _programme(flow: RestrictedFlow, columns: _Columns, tasks: int) -> tuple[Programme, int]:
-    """One path for every agent, and one agent for every contested cell; and how many agents there are.
+def _paths(flow: RestrictedFlow, columns: _Columns) -> tuple[Programme, int]:
+    """One path for every agent, whatever the others do; and how many agents there are.
 
-    Rows: a start per agent, conservation (out = in) per hub and per cell that is not in the last step, capacity per
-    contested cell.
+    Rows: a start per agent, conservation (out = in) per hub and per cell that is not in the last step.
     """
-    count, cells = len(columns.tail), len(flow.agent)
+    count = len(columns.tail)
     starts = columns.tail < 0
-    capacity, contested = _capacity_rows(flow, tasks)
     order, agent_row = np.unique(flow.agent, return_inverse=True)
     inner = np.append(flow.step < flow.step.max(), np.ones(columns.hubs, dtype=bool))
     inner_row = np.cumsum(inner) - 1 + len(order)
     into = inner[columns.head]
-    to_cell = np.flatnonzero(columns.head < cells)
-    used = to_cell[capacity[columns.head[to_cell]] >= 0]
-    first = len(order) + int(inner.sum())
     row = np.concatenate(
-        [
-            agent_row[columns.head[starts]],
-            inner_row[columns.head[into]],
-            inner_row[columns.tail[~starts]],
-            first + capacity[columns.head[used]],
-        ]
+        [agent_row[columns.head[starts]], inner_row[columns.head[into]], inner_row[columns.tail[~starts]]]
     )
     all_columns = np.arange(count)
-    column = np.concatenate([all_columns[starts], all_columns[into], all_columns[~starts], used])
-    sign = np.concatenate(
-        [np.ones(starts.sum()), np.ones(into.sum()), -np.ones((~starts).sum()), np.ones(len(used))]
+    column = np.concatenate([all_columns[starts], all_columns[into], all_columns[~starts]])
+    sign = np.concatenate([np.ones(starts.sum()), np.ones(into.sum()), -np.ones((~starts).sum())])
+    supply = np.append(np.ones(len(order)), np.zeros(int(inner.sum())))
+    rows = csc_array((sign, (row, column)), shape=(len(supply), count))
+    programme = Programme(
+        columns.values(flow), rows, supply, supply, np.ones(count), np.ones(count, dtype=bool)
     )
-    rows = csc_array((sign, (row, column)), shape=(first + contested, count))
-    low = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.full(contested, -np.inf)])
-    high = np.concatenate([np.ones(len(order)), np.zeros(int(inner.sum())), np.ones(contested)])
-    programme = Programme(columns.values(flow), rows, low, high, np.ones(count), np.ones(count, dtype=bool))
     return programme, len(order)
+
+
+def _capacities(flow: RestrictedFlow, columns: _Columns, tasks: int) -> tuple[Any, FloatArray]:
+    """One agent for every contested cell: the columns that lead there, and 1."""
+    capacity, contested = _capacity_rows(flow, tasks)
+    to_cell = np.flatnonzero(columns.head < len(flow.agent))
+    used = to_cell[capacity[columns.head[to_cell]] >= 0]
+    at = capacity[columns.head[used]], used
+    return csc_array((np.ones(len(used)), at), shape=(contested, len(columns.tail))), np.ones(contested)
+
+
+def _limited(programme: Programme, rows: Any, most: FloatArray) -> Programme:
+    """The programme with further rows, sums of columns that are at most so great."""
+    return replace(
+        programme, rows=vstack([programme.rows, rows], format="csc"),
+        high=np.append(programme.high, most), low=np.append(programme.low, np.full(len(most), -np.inf)),
+    )  # fmt: skip
 
 
 def _capacity_rows(flow: RestrictedFlow, tasks: int) -> tuple[IntArray, int]:

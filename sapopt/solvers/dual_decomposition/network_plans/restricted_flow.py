@@ -222,17 +222,12 @@ def restricted_flow(
         Step at which the agents are back on the plan: the window's end, unless told otherwise. What follows the window
         until then is worth its priced best path, to which the prices alone keep the capacities.
     """
-    if len(agents) < arrays.agents:
-        prices = prices.copy()
-        others = np.setdiff1d(np.arange(arrays.agents), agents)
-        window = np.arange(first, last if until is None else until)
-        prices[window[:, None], plan[window[:, None], others]] = np.inf
     return RestrictedFlow(
         *near_optimal(
             arrays.rows,
             agents,
             plan,
-            prices,
+            open_prices(arrays, plan, prices, agents, first, last if until is None else until),
             arrays.initial,
             first,
             last,
@@ -242,3 +237,16 @@ def restricted_flow(
             limit,
         )
     )
+
+
+def open_prices(
+    arrays: Arrays, plan: IntArray, prices: FloatArray, agents: IntArray, first: int, last: int
+) -> FloatArray:
+    """``prices`` (T, m), with +inf at the cells of the window that ``plan`` gives to others than ``agents``."""
+    if len(agents) == arrays.agents:
+        return prices
+    prices = prices.copy()
+    others = np.setdiff1d(np.arange(arrays.agents), agents)
+    window = np.arange(first, last)
+    prices[window[:, None], plan[window[:, None], others]] = np.inf
+    return prices

@@ -31,11 +31,14 @@ class Rounds:
     ----------
     steps : int
         Steps T of the horizon.
+    efforts : tuple of Effort
+        Windows to choose from, small ones first.
     whole_tried : float
         Distance between bound and plan at which the whole horizon was solved at once for the last time.
     """
 
     steps: int
+    efforts: tuple[Effort, ...] = EFFORTS
     whole_tried: float = math.inf
     _rates: dict[Effort, float] = field(default_factory=dict)
     """Gain for every second of the efforts that were tried."""
@@ -46,7 +49,7 @@ class Rounds:
 
         Windows, windows shifted by half and groups, one effort after the other, the last of which is repeated.
         """
-        effort = EFFORTS[min(turn // 3, len(EFFORTS) - 1)]
+        effort = self.efforts[min(turn // 3, len(self.efforts) - 1)]
         if turn % 3 == 2:
             return self._groups, 0
         return effort, turn % 3 * effort.length // 2
@@ -79,4 +82,4 @@ class Rounds:
 
     @property
     def _ladder(self) -> list[Effort]:
-        return [*EFFORTS[:_GROUPS_AFTER], self._groups, *EFFORTS[_GROUPS_AFTER:]]
+        return [*self.efforts[:_GROUPS_AFTER], self._groups, *self.efforts[_GROUPS_AFTER:]]

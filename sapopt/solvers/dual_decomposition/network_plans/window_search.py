@@ -18,6 +18,7 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
     restricted_flow,
 )
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Places, wait_anywhere, waiting_flow
 
 REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
 """Ladder of reduced costs, in typical benefits. Long windows with small ones gain more than short ones with large."""
@@ -53,6 +54,15 @@ class Effort:
 
 EFFORTS = (Effort(10, 8_000), Effort(15, 11_000), Effort(20, 15_000), Effort(30, 30_000), Effort(40, 40_000))
 """Windows from small ones that go fast to large ones."""
+
+_WAITING_EFFORTS = ((3, 12), (4, 16), (6, 18), (8, 24), (6, 40), (10, 40))
+"""The same where windows have places to wait (`waiting_places`): steps, and arcs for every agent."""
+
+_WAITING_REGRETS = (1.4, 1.0, *REGRETS)
+"""Ladder of reduced costs there: what agents may do is less, so that networks are small."""
+
+_LONGEST_WAITING = 12
+"""Steps of a window up to which it has places to wait: their number grows with the square of that."""
 
 
 def improved(
@@ -113,12 +123,19 @@ def improve_window(
     scale = typical_benefit(arrays, first, last)
     flow = restricted_flow(arrays, plan, prices, everyone, first, last, GROUP_REGRET * scale, parking)
     value = arrays.value(plan)
+    waits = last - first <= _LONGEST_WAITING and wait_anywhere(arrays)
     for group in groups_of(flow, arrays.agents, arrays.tasks, effort.arcs, rng):
         if seconds_left() <= 0:
             break
-        flow = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
+        places = None
+        if waits:
+            flow, places = _with_places(arrays, plan, prices, group, first, last, scale, effort.arcs)
+        else:
+            flow = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
         seconds = max(SHARE_OF_TIME * seconds_left(), 0.01)
-        found = solve_flow(flow, plan, arrays.tasks, seconds=seconds, stop=lambda: seconds_left() <= 0)
+        found = solve_flow(
+            flow, plan, arrays.tasks, seconds=seconds, stop=lambda: seconds_left() <= 0, places=places
+        )
         if found is not None:
             found_value = arrays.value(found)
             if found_value >= value:
@@ -163,6 +180,25 @@ def _fitting(
         return restricted_flow(arrays, plan, prices, agents, first, last, regret, parking, limit)
 
     return largest(network, (math.inf,) if everything else REGRETS, scale, arcs)
+
+
+def _with_places(
+    arrays: Arrays,
+    plan: IntArray,
+    prices: FloatArray,
+    agents: IntArray,
+    first: int,
+    last: int,
+    scale: float,
+    arcs: int,
+) -> tuple[RestrictedFlow, Places]:
+    """The same where agents wait wherever there is room, and the places for that."""
+
+    def network(regret: float, limit: int) -> RestrictedFlow:
+        return waiting_flow(arrays, plan, prices, agents, first, last, regret, limit)
+
+    flow = largest(network, _WAITING_REGRETS, scale, arcs)
+    return flow, Places.of(arrays, flow, plan, prices, agents, first, last, _WAITING_REGRETS[0] * scale)
 
 
 def largest(
@@ -229,3 +265,10 @@ def _grow(cell_start, cell_agents, agent_start, agent_cells, size, order):  # ty
             group += 1
             members = 0
     return label
+
+
+def efforts_for(arrays: Arrays) -> tuple[Effort, ...]:
+    """The windows that suit a problem, small ones first."""
+    if not wait_anywhere(arrays):
+        return EFFORTS
+    return tuple(Effort(length, arcs * arrays.agents) for length, arcs in _WAITING_EFFORTS)
