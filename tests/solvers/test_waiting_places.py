@@ -95,6 +95,19 @@ def test_they_gain_more_than_a_few_places_at_random(monkeypatch: pytest.MonkeyPa
     assert anywhere > 2.0 * at_random + 0.3
 
 
+def test_thousands_of_agents_have_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a size that can be tested: with a clock windows improve the plan; without, it is planned again."""
+    monkeypatch.setattr("sapopt.solvers.dual_decomposition.solver._LARGE", 0)
+    problem = crowded(3, 60, 60, 12, share=0.3)
+    method = DualDecomposition(iterations=30, tolerance=0.0)
+
+    def phases(limit: float | None) -> set[str]:
+        return {line["phase"] for line in solve(problem, method, time_limit=limit).trace}
+
+    assert "windows of 3 steps" in phases(3.0)
+    assert not any("windows" in phase for phase in phases(None))
+
+
 def test_where_it_does_not_apply() -> None:
     """Not where tasks are spare, where idling is free, where costs differ, or where most pairs are worth something."""
     assert wait_anywhere(Arrays.of(crowded(0, 20, 20, 6)))
