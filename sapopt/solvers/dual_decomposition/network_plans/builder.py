@@ -203,7 +203,7 @@ class LargeNetworkPlans:
             return _REPRICING_SHARE * search.seconds_left / (self.problem.T - k)
 
         ways: dict[str, dict[str, Any]] = {ROLLING: {}}
-        if search.most_repricings and not self.in_windows:
+        if search.most_repricings:
             ways[REPRICED] = {
                 "window": _REPRICED_WINDOW, "iterations": 2 * search.most_repricings, "seconds": seconds
             }  # fmt: skip
