@@ -91,6 +91,7 @@ def solve_flow(
         return answer.x
 
     try:
+        # Windows with places to wait are many, and each round goes over them anew: nothing is lost for good.
         x = _integral(programme, owners, chosen, solved, thorough=places is None)
     except SolverError:
         return None
