@@ -32,7 +32,7 @@ def test_the_gap_of_the_first_plan_says_what_comes_next(gap: float, left: float,
     problem = walking(0, cost=1.0)
     prices = np.zeros((problem.T, problem.m))
     search = SimpleNamespace(
-        problem=problem, best=np.tile(np.arange(problem.n), (problem.T, 1)), settled_prices=prices, gap=gap,
+        problem=problem, best=np.tile(np.arange(problem.n), (problem.T, 1)), value=0.0, settled_prices=prices, gap=gap,
         seconds_left=left, rng=np.random.default_rng(0), most_repricings=20, iteration_seconds=1e-4,
         report=lambda phase: False, repricing=lambda count: lambda k, state, later: later,
     )  # fmt: skip

@@ -57,8 +57,11 @@ def test_dear_moves_are_planned_better_than_step_by_step(cost: float, seeds: int
     assert windows > gain * steps
 
 
-def test_prices_are_improved_before_every_window_but_the_first() -> None:
-    """`reprice` sees the step, what the agents hold, and the prices of the steps to come."""
+def test_prices_are_improved_before_every_window_but_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`reprice` sees the step, what the agents hold, and the prices of the steps to come.
+
+    Where windows have places to wait it gains less than its time is worth, and is not called.
+    """
     problem = walking(0, cost=2.0)
     seen: list[int] = []
 
@@ -68,6 +71,9 @@ def test_prices_are_improved_before_every_window_but_the_first() -> None:
         seen.append(k)
         return prices
 
+    assert planned(problem, prices_of(problem), reprice=reprice) is not None
+    assert not seen
+    monkeypatch.setattr(module, "can_wait", lambda arrays: False)
     assert planned(problem, prices_of(problem), reprice=reprice) is not None
     assert seen[0] > 0
     assert seen == sorted(set(seen))
@@ -131,6 +137,39 @@ def test_pace_takes_smaller_networks_where_short_windows_are_too_slow() -> None:
     assert pace.arcs == 60_000
 
 
+def test_windows_with_places_grow_longer_before_they_grow_denser() -> None:
+    """They get shorter first, where time is short, and are never so sparse that they are worth nothing."""
+    pace = module._WaitingPace(10, 0.0, agents=100)
+    assert pace.arcs == 10 * 100 * module._DENSITY
+    for _ in range(20):
+        pace.learn(took=2.0, allowed=1.0)
+    assert (pace.length, pace.density) == (module._SHORTEST, module._SPARSEST)
+    lengths = []
+    for _ in range(60):
+        pace.learn(took=0.1, allowed=1.0)
+        if pace.length < module._LONGEST_SPELLS:
+            assert pace.density <= module._DENSITY / module._SLOWLY
+        lengths.append(pace.length)
+    assert lengths == sorted(lengths)
+    assert (pace.length, pace.density) == (module._LONGEST_SPELLS, module._DENSEST)
+    assert pace.arcs == pace.length * 100 * pace.density
+
+
+def test_a_network_is_looked_for_near_the_last_one() -> None:
+    """Reduced costs far above the last window's are not tried, until one fits that is larger."""
+    pace = module._WaitingPace(10, 0.0, agents=100)
+    regrets = module._WAITING_REGRETS
+    assert pace.ladder(regrets) == regrets
+    pace.regret = regrets[8]
+    assert (
+        pace.ladder(regrets)[0]
+        <= module._REACH * regrets[8]
+        < regrets[regrets.index(pace.ladder(regrets)[0]) - 1]
+    )
+    pace.regret = regrets[-1]
+    assert regrets[-1] in pace.ladder(regrets)
+
+
 def test_a_window_that_gave_nothing_is_tried_again_with_half_the_network(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -140,12 +179,19 @@ def test_a_window_that_gave_nothing_is_tried_again_with_half_the_network(
     whole = module._fitting_flow
 
     def fitting(*options: object) -> object:
-        sizes.append(options[-1])
+        pace = options[-2]
+        assert isinstance(pace, module._Pace)
+        sizes.append(pace.arcs)
         return whole(*options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(module, "_fitting_flow", fitting)
     monkeypatch.setattr(module, "solve_flow", lambda *_, **__: None)
     start = rollout(problem, HAA()).plan
+    plan = rolling_windows(Arrays.of(problem), start, prices, np.random.default_rng(0), seconds=1e3)
+    np.testing.assert_array_equal(plan, start)  # with places to wait
+    assert sizes[1] == sizes[0] / 2
+    sizes.clear()
+    monkeypatch.setattr(module, "can_wait", lambda arrays: False)
     plan = rolling_windows(Arrays.of(problem), start, prices, np.random.default_rng(0), seconds=1e3)
     np.testing.assert_array_equal(plan, start)
     assert sizes[:5] == [60_000, 30_000, 15_000, 7_500, 4_000]

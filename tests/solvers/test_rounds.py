@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -53,3 +55,18 @@ def test_shifts_lie_within_the_windows(gains: list[float]) -> None:
         assert 0 <= shift < effort.length
         assert shift == 0 or effort.length < 50
         rounds.learn(effort, gain, 0.5)
+
+
+def test_rolling_windows_come_again_where_windows_gain_little() -> None:
+    """Only where there was a first time, all windows were tried, and there is time for as much again."""
+    rounds = Rounds(60)
+    assert not rounds.wants_front(1.0, 1e3)  # there was none
+    rounds.learn_front(5.0, 10.0)
+    assert not rounds.wants_front(1.0, 1e3)  # windows may still gain
+    taken(rounds, {}, 8)
+    assert rounds.wants_front(1.0, 1e3)
+    assert not rounds.wants_front(1.0, 11.0)
+    assert not rounds.wants_front(1.0, math.inf)
+    rounds.learn_front(0.0, 10.0)
+    assert not rounds.wants_front(1.0, 20.0)  # it gained nothing: not so soon again
+    assert rounds.wants_front(1.0, 40.0)

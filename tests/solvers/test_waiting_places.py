@@ -12,8 +12,10 @@ from sapopt.running.rollout import rollout
 from sapopt.solvers import HAA, DualDecomposition, Exact
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
+from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
 from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
     Places,
+    can_wait,
     wait_anywhere,
     waiting_flow,
 )
@@ -95,6 +97,45 @@ def test_they_gain_more_than_a_few_places_at_random(monkeypatch: pytest.MonkeyPa
     assert anywhere > 2.0 * at_random + 0.3
 
 
+def ahead(problem: SAP, prices: FloatArray) -> IntArray:
+    """The plan of rolling windows, from HAA's."""
+    start = rollout(problem, HAA()).plan
+    plan = rolling_windows(Arrays.of(problem), start, prices, np.random.default_rng(0))
+    assert plan is not None
+    return plan
+
+
+@pytest.mark.parametrize("spare", [0, 2])
+def test_rolling_windows_with_places_are_nearly_exact(spare: int) -> None:
+    """Against the exact method, of problems whose horizon is longer than a window."""
+    found = best = 0.0
+    for seed in range(12):
+        problem = crowded(seed, 5, 5 + spare, 14, share=0.6)
+        assert can_wait(Arrays.of(problem))
+        value, optimum = (
+            problem.evaluate(ahead(problem, settled(problem))).value,
+            solve(problem, Exact()).value,
+        )
+        assert value <= optimum + 1e-6
+        found, best = found + value, best + optimum
+    assert found >= 0.98 * best
+
+
+@pytest.mark.parametrize("spare", [2, 8])
+def test_rolling_windows_gain_by_places(spare: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On average they lose less than half as much against the bound as with a few tasks drawn at random."""
+    module = "sapopt.solvers.dual_decomposition.network_plans.rolling_windows"
+    lost = at_random = 0.0
+    for seed in range(4):
+        problem = crowded(seed, 30, 30 + spare, 16, share=0.15)
+        dual = ascend(problem.model.path_oracle(problem.benefits, problem.initial_state()))
+        lost += dual.bound - problem.evaluate(ahead(problem, dual.prices)).value
+        with monkeypatch.context() as patch:
+            patch.setattr(f"{module}.can_wait", lambda arrays: False)
+            at_random += dual.bound - problem.evaluate(ahead(problem, dual.prices)).value
+    assert 0.0 < 2.0 * lost < at_random
+
+
 def test_thousands_of_agents_have_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """At a size that can be tested: with a clock windows improve the plan; without, it is planned again."""
     monkeypatch.setattr("sapopt.solvers.dual_decomposition.solver._LARGE", 0)
@@ -104,7 +145,7 @@ def test_thousands_of_agents_have_windows(monkeypatch: pytest.MonkeyPatch) -> No
     def phases(limit: float | None) -> set[str]:
         return {line["phase"] for line in solve(problem, method, time_limit=limit).trace}
 
-    assert "windows of 3 steps" in phases(3.0)
+    assert "rolling windows" in phases(3.0)
     assert not any("windows" in phase for phase in phases(None))
 
 
@@ -112,7 +153,8 @@ def test_where_it_does_not_apply() -> None:
     """Not where tasks are spare, where idling is free, where costs differ, or where most pairs are worth something."""
     assert wait_anywhere(Arrays.of(crowded(0, 20, 20, 6)))
     assert not wait_anywhere(Arrays.of(crowded(0, 20, 30, 6)))
-    assert not wait_anywhere(Arrays.of(crowded(0, 20, 20, 6, idle_is_free=True)))
-    assert not wait_anywhere(Arrays.of(SAP(np.random.default_rng(0).random((6, 20, 20)), SwitchingCost(0.5))))
+    assert can_wait(Arrays.of(crowded(0, 20, 30, 6)))
+    assert not can_wait(Arrays.of(crowded(0, 20, 20, 6, idle_is_free=True)))
+    assert not can_wait(Arrays.of(SAP(np.random.default_rng(0).random((6, 20, 20)), SwitchingCost(0.5))))
     costs = SAP(crowded(0, 20, 20, 6).benefits, SwitchingCost(1.0 - np.eye(20)))
-    assert not wait_anywhere(Arrays.of(costs))
+    assert not can_wait(Arrays.of(costs))

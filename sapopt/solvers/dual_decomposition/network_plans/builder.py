@@ -19,7 +19,7 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import rest
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
 from sapopt.solvers.dual_decomposition.network_plans.rounds import Rounds
 from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
-from sapopt.solvers.dual_decomposition.network_plans.waiting_places import wait_anywhere
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import can_wait, wait_anywhere
 from sapopt.solvers.dual_decomposition.network_plans.window_search import efforts_for, improved
 from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Search, repriced_rolling
 
@@ -29,12 +29,15 @@ WHOLE = "the whole horizon"
 _WIDE_GAP = 0.025
 """Gap of the rolling assignment above which rolling windows, which take longer, are worth their time."""
 
+_WIDE_WAITING = 0.005
+"""The same where hardly a task is spare, and there is a clock."""
+
 _NARROW_GAP = 0.01
 """Gap of the rolling assignment below which windows gain more for their time than another one with better prices, where
 there is a clock and agents have tasks to spare."""
 
-_WINDOWS_SHARE = 0.8
-"""Share of the time left that rolling windows may take."""
+_WINDOWS_SHARE, _WAITING_SHARE = 0.8, 0.9
+"""Share of the time left that rolling windows may take, and where hardly a task is spare."""
 
 _WINDOW_REPRICINGS = 20
 """Dual iterations before each of the rolling windows."""
@@ -80,11 +83,12 @@ class NetworkPlans:
         plan = plan_by_futures(self.arrays, search.settled_prices, lambda: search.report(ROLLING))
         if plan is not None:
             yield ROLLING, plan
-        if wait_anywhere(self.arrays) and math.isfinite(search.seconds_left):
-            return  # windows gain more for their time than another one with better prices
         has_spare = self.arrays.agents < self.arrays.tasks
-        if has_spare and search.gap > _WIDE_GAP:
+        waits = wait_anywhere(self.arrays) and math.isfinite(search.seconds_left)
+        if (waits and search.gap > _WIDE_WAITING) or (has_spare and search.gap > _WIDE_GAP):
             yield from self._windows_ahead(search)
+        elif waits:
+            return  # windows gain more for their time than another one with better prices
         elif not has_spare or search.gap > _NARROW_GAP or math.isinf(search.seconds_left):
             yield from repriced_rolling(
                 search,
@@ -92,14 +96,7 @@ class NetworkPlans:
             )
 
     def _windows_ahead(self, search: Search) -> Iterator[Found]:
-        phase = "rolling windows"
-        plan = rolling_windows(
-            self.arrays, search.best, search.settled_prices, search.rng,
-            reprice=search.repricing(_WINDOW_REPRICINGS), seconds=_WINDOWS_SHARE * search.seconds_left,
-            stop=lambda: search.report(phase), threads=self.threads,
-        )  # fmt: skip
-        if plan is not None:
-            yield phase, plan
+        return _windows_ahead(self.arrays, self._rounds, search, self.threads)
 
     def sweep(
         self,
@@ -115,6 +112,10 @@ class NetworkPlans:
         """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
         if math.isfinite(search.seconds_left):
             yield from self._whole(search)
+        if can_wait(self.arrays) and self._rounds.wants_front(
+            search.bound - search.value, search.seconds_left
+        ):
+            yield from self._windows_ahead(search)
         yield from _round_of_windows(self.arrays, self._rounds, search, turn, self.threads)
 
     def _whole(self, search: Search) -> Iterator[Found]:
@@ -145,6 +146,21 @@ class NetworkPlans:
     def promises(self, plan: IntArray, value: float) -> bool:
         """By the compiled value of the plan."""
         return self.arrays.value(plan) > value + 1e-9
+
+
+def _windows_ahead(arrays: Arrays, rounds: Rounds, search: Search, threads: int) -> Iterator[Found]:
+    """The plan of rolling windows, which begin from the best one."""
+    phase, before, began = "rolling windows", search.value, search.seconds_left
+    share = _WAITING_SHARE if wait_anywhere(arrays) else _WINDOWS_SHARE
+    plan = rolling_windows(
+        arrays, search.best, search.settled_prices, search.rng,
+        reprice=search.repricing(_WINDOW_REPRICINGS), seconds=share * began, stop=lambda: search.report(phase),
+        threads=threads,
+    )  # fmt: skip
+    if plan is not None:
+        yield phase, plan
+    if math.isfinite(began):
+        rounds.learn_front(search.value - before, began - search.seconds_left)
 
 
 def _round_of_windows(
@@ -214,6 +230,8 @@ class LargeNetworkPlans:
             if plan is None:
                 return
             yield phase, plan
+        if self.in_windows and search.gap > _WIDE_WAITING:
+            yield from _windows_ahead(self.arrays, self._rounds, search, self.threads)
 
     def sweep(
         self,

@@ -23,22 +23,54 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
     restricted_flow,
 )
-from sapopt.solvers.dual_decomposition.network_plans.window_search import parking_tasks, typical_benefit
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
+    PLACES_REGRET,
+    Places,
+    can_wait,
+    waiting_flow,
+)
+from sapopt.solvers.dual_decomposition.network_plans.window_search import (
+    largest,
+    parking_tasks,
+    typical_benefit,
+)
 
 _REGRETS = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)
 """Ladder of reduced costs, in typical benefits; far larger than in `window_search`, since agents leave their paths."""
 
+_WAITING_REGRETS = tuple(8.0 / 1.2**rung for rung in range(28))
+"""The same where agents wait wherever there is room (`waiting_places`): there what they may do is less."""
+
 _LONGEST, _SHORTEST = 12, 4
 """Steps of a window, of which the first half are kept."""
 
-_USUAL = 6
-"""Steps of the first window where time is short."""
+_LONGEST_SPELLS, _KEPT = 20, 0.36
+"""Steps of a window with places to wait, and the share of them that is kept: what follows is what matters there."""
+
+_DENSITY, _DENSEST = 7.0, 10.0
+"""Arcs of a network with places to wait for every agent and step: fewer, and shorter windows are better; and where time
+is ample."""
+
+_REACH = 2.0
+"""How much larger the reduced cost of a window may be than that of the last one."""
+
+_SPARSEST = 5.0
+"""Arcs for every agent and step below which networks are worth nothing."""
+
+_USUAL, _LONG_WAITING = 6, 10
+"""Steps of the first window where time is short, and of all windows with places to wait where it is not."""
+
+_FIRST_ARCS = 25_000
+"""Arcs of the first network with places to wait where time is short, if that leaves it steps enough."""
 
 _ARCS, _FEWEST_ARCS = 60_000, 4_000
 """Sizes of a window's network: where time is ample, and where even the shortest windows take too long."""
 
 _FEWER = 0.7
 """Share of the arcs that a network keeps when the last one took too long."""
+
+_SLOWLY = 0.9
+"""The same of a network with places to wait."""
 
 _REPRICING_SHARE = 0.4
 """Share of the time that repricing may take; where it takes more, some windows go without."""
@@ -63,6 +95,17 @@ class _Pace:
     """Seconds of the last repricing."""
     credit: float = 0.0
     """Seconds that repricing was allowed and has not taken."""
+    regret: float = math.inf
+    """Reduced cost of the last window's network."""
+
+    def ladder(self, regrets: tuple[float, ...]) -> tuple[float, ...]:
+        """Those of the falling reduced costs that are worth trying after the last window."""
+        return regrets
+
+    @property
+    def kept(self) -> int:
+        """Steps of a window that are kept."""
+        return self.length // 2
 
     def learn(self, took: float, allowed: float) -> None:
         if took > 1.2 * allowed and self.length > _SHORTEST:
@@ -90,6 +133,48 @@ class _Pace:
         self.credit, self.repricing = max(self.credit - seconds, 0.0), seconds
 
 
+@dataclass
+class _WaitingPace(_Pace):
+    """The same for windows with places to wait, whose arcs for every agent and step are what matters.
+
+    Windows get longer where time allows for it, and networks denser where they are as long as it makes sense.
+    """
+
+    agents: int = 1
+    density: float = _DENSITY
+
+    def __post_init__(self) -> None:
+        self.arcs = self.density * self.agents * self.length
+
+    @property
+    def kept(self) -> int:
+        """Steps of a window that are kept."""
+        return max(round(_KEPT * self.length), 1)
+
+    def ladder(self, regrets: tuple[float, ...]) -> tuple[float, ...]:
+        """Those of the falling reduced costs that are worth trying after the last window."""
+        return tuple(regret for regret in regrets if regret <= _REACH * self.regret)
+
+    def shrink(self) -> bool:
+        """Half the arcs."""
+        self.density *= 0.5
+        self.__post_init__()
+        return self.density > 0.1 * _SPARSEST
+
+    def learn(self, took: float, allowed: float) -> None:
+        if took > 1.2 * allowed:
+            if self.length > _SHORTEST and self.density <= _DENSITY:
+                self.length -= 1
+            else:
+                self.density = max(_SPARSEST, _SLOWLY * self.density)
+        elif took < 0.7 * allowed:
+            if self.density < _DENSITY or self.length == _LONGEST_SPELLS:
+                self.density = min(_DENSEST, self.density / _SLOWLY)
+            else:
+                self.length = min(_LONGEST_SPELLS, self.length + (1 if took > 0.4 * allowed else 2))
+        self.__post_init__()
+
+
 def rolling_windows(
     arrays: Arrays,
     plan: IntArray,
@@ -110,13 +195,15 @@ def rolling_windows(
     prices : (T, m)
         Prices of the cells.
     reprice : callable, optional
-        As in `priced_futures.plan_by_futures`, before every window but the first, or fewer where time is short.
+        As in `priced_futures.plan_by_futures`, before every window but the first, or fewer where time is short; never
+        where windows have places to wait, which gain more by being longer.
     seconds : float
         Time for everything; the windows get shorter and their networks smaller as it demands, and where it ends before
         the horizon does the agents go on as in ``plan`` (None if it ends at once). The result depends on it, and
         otherwise on ``rng``.
     threads : int
-        With a second one, and a clock, windows behind the front are improved meanwhile (`Rear`).
+        With a second one, and a clock, windows behind the front are improved meanwhile (`Rear`), unless they have
+        places to wait: there little is left to be improved, and the front gets on faster alone.
     """
     end = clock.now() + seconds
 
@@ -125,7 +212,7 @@ def rolling_windows(
             arrays, plan, prices, rng, reprice=reprice, seconds=seconds, end=end, stop=stop, joined=joined
         )
 
-    if threads == 1 or math.isinf(seconds):
+    if threads == 1 or math.isinf(seconds) or can_wait(arrays):
         return roll(lambda plan, front: plan)
     with Rear(arrays, prices, np.random.default_rng(rng.integers(2**63)), lambda: end - clock.now()) as rear:
         return roll(rear.joined)
@@ -145,7 +232,13 @@ def _rolled(
 ) -> IntArray | None:
     """The front of `rolling_windows`; ``joined(plan, front)`` hears of kept steps, returns the plan to go on with."""
     steps = arrays.steps
-    pace = _Pace(_LONGEST if math.isinf(seconds) else _USUAL, _ARCS)
+    waits, unhurried = can_wait(arrays), math.isinf(seconds)
+    if waits:
+        fitting = _FIRST_ARCS / (_DENSITY * arrays.agents)
+        length = _LONG_WAITING if unhurried else int(np.clip(fitting, _SHORTEST, _LONG_WAITING))
+        pace: _Pace = _WaitingPace(length, 0.0, agents=arrays.agents)
+    else:
+        pace = _Pace(_LONGEST if unhurried else _USUAL, _ARCS)
     first = 0
     while True:
         began = clock.now()
@@ -154,19 +247,19 @@ def _rolled(
             return None
         if left <= 0.0:
             return None if first == 0 else joined(plan, first)
-        last, kept = min(first + pace.length, steps), pace.length // 2
+        last, kept = min(first + pace.length, steps), pace.kept
         allowed = left * kept / (steps - first)
-        if first > 0 and reprice is not None and pace.has_credit(allowed):
+        if first > 0 and not waits and reprice is not None and pace.has_credit(allowed):
             prices = prices.copy()
             prices[first:] = reprice(first, plan[first - 1], prices[first:])
             pace.repriced(clock.now() - began)
-        flow = _fitting_flow(arrays, plan, prices, first, last, rng, pace.arcs)
+        flow, places = _fitting_flow(arrays, plan, prices, first, last, rng, pace, waits)
         limit = min(left, _PATIENCE * allowed)
-        found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit, stop=stop)
-        if found is None and math.isfinite(seconds) and pace.shrink():
+        found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit, stop=stop, places=places)
+        if found is None and not unhurried and pace.shrink():
             continue  # what agents do otherwise is far worse than a smaller network
         plan = plan if found is None else found
-        if math.isfinite(seconds):
+        if not unhurried:
             pace.learn(clock.now() - began, allowed)
         if last == steps:
             return joined(plan, steps)
@@ -181,20 +274,24 @@ def _fitting_flow(
     first: int,
     last: int,
     rng: np.random.Generator,
-    arcs: float,
-) -> RestrictedFlow:
-    """The network of all agents in a window with the largest reduced cost that fits, or else the smallest."""
+    pace: _Pace,
+    waits: bool,
+) -> tuple[RestrictedFlow, Places | None]:
+    """The network of all agents in a window with the largest reduced cost that fits, or else the smallest.
+
+    With the places for those who wait, if they may do so wherever there is room.
+    """
     everyone = np.arange(arrays.agents)
     parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
     scale = typical_benefit(arrays, 0, arrays.steps)
-    for regret in _REGRETS[:-1]:
-        flow = restricted_flow(
-            arrays, plan, prices, everyone, first, last, regret * scale, parking, int(arcs), arrays.steps
-        )
-        if len(flow.tail) <= arcs:
-            return flow
-    return (
-        restricted_flow(  # whole: a network that ends early leaves out agents, whose cells others would take
-            arrays, plan, prices, everyone, first, last, _REGRETS[-1] * scale, parking, until=arrays.steps
-        )
-    )
+
+    def network(regret: float, limit: int) -> RestrictedFlow:
+        pace.regret, end = regret / scale, arrays.steps
+        if waits:
+            return waiting_flow(arrays, plan, prices, everyone, first, last, regret, limit, end)
+        return restricted_flow(arrays, plan, prices, everyone, first, last, regret, parking, limit, end)
+
+    flow = largest(network, pace.ladder(_WAITING_REGRETS if waits else _REGRETS), scale, int(pace.arcs))
+    if not waits:
+        return flow, None
+    return flow, Places.of(arrays, flow, plan, prices, everyone, first, last, PLACES_REGRET * scale)

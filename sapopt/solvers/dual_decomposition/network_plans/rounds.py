@@ -16,6 +16,12 @@ _GROUPS_AFTER = 3
 _PAYING = 0.5
 """Share of the gap that the best rounds must be on the way to close in the time left, or something larger is tried."""
 
+_FRONT = 0.1
+"""The same below which rolling windows are tried again, from the best plan."""
+
+_FRONT_TIME = 1.25
+"""So many times the seconds that the last ones took must be left for that."""
+
 _MEMORY = 0.5
 """Weight of the past in what an effort gains for every second."""
 
@@ -43,6 +49,8 @@ class Rounds:
     _rates: dict[Effort, float] = field(default_factory=dict)
     """Gain for every second of the efforts that were tried."""
     _turns: dict[Effort, int] = field(default_factory=dict)
+    _front_seconds: float = math.inf
+    """Seconds of the last rolling windows; infinite where there were none."""
 
     def planned(self, turn: int) -> tuple[Effort, int]:
         """Effort and shift of round number ``turn`` where there is no clock.
@@ -75,6 +83,20 @@ class Rounds:
         rate = gain / max(seconds, 1e-3)
         self._rates[effort] = _MEMORY * self._rates.get(effort, rate) + (1.0 - _MEMORY) * rate
         self._turns[effort] = self._turns.get(effort, 0) + 1
+
+    def wants_front(self, distance: float, seconds_left: float) -> bool:
+        """Whether it is time for rolling windows again: where all windows were tried, gain little, and time is left."""
+        if math.isinf(seconds_left) or seconds_left < _FRONT_TIME * self._front_seconds:
+            return False
+        if any(effort not in self._rates for effort in self._ladder):
+            return False
+        return max(self._rates.values()) * seconds_left <= _FRONT * distance
+
+    def learn_front(self, gain: float, seconds: float) -> None:
+        """Remember how long rolling windows took; where they gained nothing they are not tried again soon."""
+        self._front_seconds = (
+            seconds if gain > 0.0 or math.isinf(self._front_seconds) else 2.0 * self._front_seconds
+        )
 
     @property
     def _groups(self) -> Effort:

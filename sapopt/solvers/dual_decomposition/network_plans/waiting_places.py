@@ -27,15 +27,22 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
 _FEW_SPARE = 0.1
 """Spare tasks for every agent above which a few of them, drawn at random, serve as well."""
 
+PLACES_REGRET = 1.4
+"""What a place may cost more than the cheapest of its spell, in typical benefits."""
+
 _SPARSE = 0.25
 """Share of the pairs that are worth something above which nobody waits out of sight."""
 
 
-def wait_anywhere(arrays: Arrays) -> bool:
-    """Whether windows of this problem have spells of waiting: one cost for all moves, and hardly a spare task."""
+def can_wait(arrays: Arrays) -> bool:
+    """Whether networks of this problem may have spells of waiting: one cost for all moves, and agents that wait."""
     uniform = arrays.matrix.shape[0] == 0 and not arrays.idle_is_free
-    few = arrays.tasks - arrays.agents <= _FEW_SPARE * arrays.agents
-    return uniform and few and len(arrays.data) <= _SPARSE * arrays.steps * arrays.agents * arrays.tasks
+    return uniform and len(arrays.data) <= _SPARSE * arrays.steps * arrays.agents * arrays.tasks
+
+
+def wait_anywhere(arrays: Arrays) -> bool:
+    """Whether windows of a plan have spells of waiting: where they may, and hardly a task is spare."""
+    return can_wait(arrays) and arrays.tasks - arrays.agents <= _FEW_SPARE * arrays.agents
 
 
 def waiting_flow(
@@ -47,6 +54,7 @@ def waiting_flow(
     last: int,
     regret: float,
     limit: int = 2**62,
+    until: int | None = None,
 ) -> RestrictedFlow:
     """`restricted_flow` of a window, in which task ``m + s`` stands for waiting somewhere from step ``first + s`` on.
 
@@ -54,17 +62,18 @@ def waiting_flow(
     has it after the window.
     """
     length, n = last - first, len(agents)
-    prices = open_prices(arrays, plan, prices, agents, first, last)
+    end = last if until is None else until
+    prices = open_prices(arrays, plan, prices, agents, first, end)
     wide = np.full((arrays.steps, arrays.tasks + length), np.inf)
     wide[:, : arrays.tasks] = prices
     for s in range(length):
-        least = np.cumsum(prices[first + s : last], axis=0).min(axis=1)
+        least = np.cumsum(prices[first + s : end], axis=0).min(axis=1)
         with np.errstate(invalid="ignore"):  # no task is open for so long: inf - inf
-            wide[first + s : last, arrays.tasks + s] = np.diff(least, prepend=0.0)
+            wide[first + s : end, arrays.tasks + s] = np.diff(least, prepend=0.0)
     wide[np.isnan(wide)] = np.inf
     after = plan[min(last, arrays.steps - 1), agents]
     parking = np.column_stack([np.broadcast_to(arrays.tasks + np.arange(length), (n, length)), after])
-    flow = restricted_flow(arrays, plan, wide, agents, first, last, regret, parking, limit)
+    flow = restricted_flow(arrays, plan, wide, agents, first, last, regret, parking, limit, until)
     if len(flow.tail) > limit:
         return flow  # it is incomplete, and must not look as if it fitted
     spell = flow.task[flow.head] - arrays.tasks

@@ -18,7 +18,12 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
     restricted_flow,
 )
-from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Places, wait_anywhere, waiting_flow
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
+    PLACES_REGRET,
+    Places,
+    wait_anywhere,
+    waiting_flow,
+)
 
 REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
 """Ladder of reduced costs, in typical benefits. Long windows with small ones gain more than short ones with large."""
@@ -198,7 +203,7 @@ def _with_places(
         return waiting_flow(arrays, plan, prices, agents, first, last, regret, limit)
 
     flow = largest(network, _WAITING_REGRETS, scale, arcs)
-    return flow, Places.of(arrays, flow, plan, prices, agents, first, last, _WAITING_REGRETS[0] * scale)
+    return flow, Places.of(arrays, flow, plan, prices, agents, first, last, PLACES_REGRET * scale)
 
 
 def largest(
