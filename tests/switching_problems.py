@@ -9,8 +9,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from sapopt import SAP, SwitchingCost
-from sapopt.data.types import FloatArray
-from sapopt.formulations.dual import ascend
 
 
 def tiny(seed: int) -> SAP:
@@ -57,20 +55,3 @@ def walking(seed: int = 0, T: int = 24, n: int = 12, m: int = 16, cost: float = 
     place = rng.random(n)[None, :, None] * m + 0.35 * np.arange(T)[:, None, None]
     distance = np.abs((place - np.arange(m) + m / 2) % m - m / 2)
     return SAP((1 + rng.random(m)) * np.maximum(0.0, 1 - distance / 1.7), SwitchingCost(cost))
-
-
-def crowded(seed: int, n: int, m: int, steps: int, share: float = 0.15, **options: object) -> SAP:
-    """Few visits of some steps, and hardly a spare task to wait on."""
-    rng = np.random.default_rng(seed)
-    benefits = np.zeros((steps, n, m))
-    for _ in range(int(share * n * m)):
-        first = rng.integers(steps)
-        benefits[first : first + rng.integers(1, 5), rng.integers(n), rng.integers(m)] = rng.random()
-    cost = float(rng.choice([0.2, 0.5, 1.0]))
-    initial = rng.permutation(m)[:n] if seed % 2 else None
-    return SAP(benefits, SwitchingCost(cost, **options), initial)  # type: ignore[arg-type]
-
-
-def settled(problem: SAP) -> FloatArray:
-    """Prices."""
-    return ascend(problem.model.path_oracle(problem.benefits, problem.initial_state())).prices

@@ -73,7 +73,7 @@ def test_prices_are_improved_before_every_window_but_the_first(monkeypatch: pyte
 
     assert planned(problem, prices_of(problem), reprice=reprice) is not None
     assert not seen
-    monkeypatch.setattr(module, "has_places", lambda arrays: False)
+    monkeypatch.setattr(module, "can_wait", lambda arrays: False)
     assert planned(problem, prices_of(problem), reprice=reprice) is not None
     assert seen[0] > 0
     assert seen == sorted(set(seen))
@@ -179,7 +179,7 @@ def test_a_window_that_gave_nothing_is_tried_again_with_half_the_network(
     whole = module._fitting_flow
 
     def fitting(*options: object) -> object:
-        pace = options[-1]
+        pace = options[-2]
         assert isinstance(pace, module._Pace)
         sizes.append(pace.arcs)
         return whole(*options)  # type: ignore[arg-type]
@@ -191,7 +191,7 @@ def test_a_window_that_gave_nothing_is_tried_again_with_half_the_network(
     np.testing.assert_array_equal(plan, start)  # with places to wait
     assert sizes[1] == sizes[0] / 2
     sizes.clear()
-    monkeypatch.setattr(module, "has_places", lambda arrays: False)
+    monkeypatch.setattr(module, "can_wait", lambda arrays: False)
     plan = rolling_windows(Arrays.of(problem), start, prices, np.random.default_rng(0), seconds=1e3)
     np.testing.assert_array_equal(plan, start)
     assert sizes[:5] == [60_000, 30_000, 15_000, 7_500, 4_000]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from switching_problems import crowded, settled
 
 from sapopt import SAP, SwitchingCost, solve
 from sapopt.data.types import FloatArray, IntArray
@@ -21,6 +20,23 @@ from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
     waiting_flow,
 )
 from sapopt.solvers.dual_decomposition.network_plans.window_search import Effort, improve_window
+
+
+def crowded(seed: int, n: int, m: int, steps: int, share: float = 0.15, **options: object) -> SAP:
+    """Few visits of some steps, and hardly a spare task to wait on."""
+    rng = np.random.default_rng(seed)
+    benefits = np.zeros((steps, n, m))
+    for _ in range(int(share * n * m)):
+        first = rng.integers(steps)
+        benefits[first : first + rng.integers(1, 5), rng.integers(n), rng.integers(m)] = rng.random()
+    cost = float(rng.choice([0.2, 0.5, 1.0]))
+    initial = rng.permutation(m)[:n] if seed % 2 else None
+    return SAP(benefits, SwitchingCost(cost, **options), initial)  # type: ignore[arg-type]
+
+
+def settled(problem: SAP) -> FloatArray:
+    """Prices."""
+    return ascend(problem.model.path_oracle(problem.benefits, problem.initial_state())).prices
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -115,7 +131,7 @@ def test_rolling_windows_gain_by_places(spare: int, monkeypatch: pytest.MonkeyPa
         dual = ascend(problem.model.path_oracle(problem.benefits, problem.initial_state()))
         lost += dual.bound - problem.evaluate(ahead(problem, dual.prices)).value
         with monkeypatch.context() as patch:
-            patch.setattr(f"{module}.has_places", lambda arrays: False)
+            patch.setattr(f"{module}.can_wait", lambda arrays: False)
             at_random += dual.bound - problem.evaluate(ahead(problem, dual.prices)).value
     assert 0.0 < 2.0 * lost < at_random
 

@@ -21,7 +21,6 @@ from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
-    largest,
     near_optimal,
 )
 from sapopt.solvers.dual_decomposition.network_plans.window_search import (
@@ -30,6 +29,7 @@ from sapopt.solvers.dual_decomposition.network_plans.window_search import (
     SHARE_OF_TIME,
     Effort,
     groups_of,
+    largest,
     parking_tasks,
     typical_benefit,
 )

@@ -14,13 +14,12 @@ from sapopt.problem.sap import SAP
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
 from sapopt.solvers.dual_decomposition.network_plans.path_sweeps import sweep_by_arrays
-from sapopt.solvers.dual_decomposition.network_plans.places import has_places
 from sapopt.solvers.dual_decomposition.network_plans.priced_futures import plan_by_futures
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import restricted_flow
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
 from sapopt.solvers.dual_decomposition.network_plans.rounds import Rounds
 from sapopt.solvers.dual_decomposition.network_plans.sparse_rolling import plan_by_first_rows
-from sapopt.solvers.dual_decomposition.network_plans.waiting_places import wait_anywhere
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import can_wait, wait_anywhere
 from sapopt.solvers.dual_decomposition.network_plans.window_search import efforts_for, improved
 from sapopt.solvers.dual_decomposition.plans import REPRICED, ROLLING, Found, Search, repriced_rolling
 
@@ -113,7 +112,7 @@ class NetworkPlans:
         """Solve neighbourhoods exactly: windows, windows shifted by half, few agents over the whole horizon."""
         if math.isfinite(search.seconds_left):
             yield from self._whole(search)
-        if has_places(self.arrays) and self._rounds.wants_front(
+        if can_wait(self.arrays) and self._rounds.wants_front(
             search.bound - search.value, search.seconds_left
         ):
             yield from self._windows_ahead(search)

@@ -18,7 +18,6 @@ from scipy.sparse import csc_array, vstack
 
 from sapopt.data.types import FloatArray, IntArray
 from sapopt.formulations.highs import Programme, SolverError, maximise
-from sapopt.solvers.dual_decomposition.network_plans.idle_places import IdlePlaces
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import RestrictedFlow
 from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Places
 
@@ -50,7 +49,7 @@ def solve_flow(
     seconds: float = np.inf,
     stop: Callable[[], object] = lambda: False,
     limits: tuple[Any, FloatArray] | None = None,
-    places: Places | IdlePlaces | None = None,
+    places: Places | None = None,
 ) -> IntArray | None:
     """Return ``plan`` (T, n) with the network's best integral flow in it, or None when HiGHS found none.
 
@@ -66,8 +65,8 @@ def solve_flow(
         Asked now and then; a true answer ends the search with the best flow so far.
     limits : (sparse array of shape (rows, arcs), ndarray of shape (rows,)), optional
         Further rows that the plan keeps: sums of arcs, and how great they may be.
-    places : Places or IdlePlaces, optional
-        Where agents wait, if ``flow`` has tasks that stand for waiting (`places.flow_with_places`).
+    places : Places, optional
+        Where agents wait, if ``flow`` has tasks that stand for waiting (`waiting_places.waiting_flow`).
     """
     columns = _columns(flow)
     programme, agents = _paths(flow, columns)

@@ -8,7 +8,6 @@ Lagrangian bound and the relaxation of this flow agree, it is nearly integral.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -251,17 +250,3 @@ def open_prices(
     window = np.arange(first, last)
     prices[window[:, None], plan[window[:, None], others]] = np.inf
     return prices
-
-
-def largest(
-    network: Callable[[float, int], RestrictedFlow], regrets: Sequence[float], scale: float, arcs: int
-) -> RestrictedFlow:
-    """The network of the first of the falling reduced costs that has at most ``arcs`` arcs, or else of the last.
-
-    ``network(regret, limit)`` may leave it incomplete once it has more arcs than the limit.
-    """
-    for regret in regrets[:-1]:
-        flow = network(regret * scale, arcs)
-        if len(flow.tail) <= arcs:
-            return flow
-    return network(regrets[-1] * scale, 2**62)

@@ -6,9 +6,8 @@ values of the agents' best priced paths to the end of the horizon; this is the r
 (Pochet and Wolsey 2006, section 3.6) with prices in place of the relaxed variables.
 
 Where agents may wait wherever there is room (`waiting_places`), waiting is one arc of the agent and not one for every
-task. Then networks are a tenth as large, may hold cells of many times the reduced cost, and see several times as far
-ahead as they keep. That is what counts: the window's end does not know that the agents' best paths after it exclude
-each other.
+task. So networks may hold cells of many times the reduced cost, and see three times as far ahead as they keep. That is
+what counts: a window's end does not know that the agents' best paths after it exclude each other.
 """
 
 from __future__ import annotations
@@ -23,16 +22,19 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels import clock
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
-from sapopt.solvers.dual_decomposition.network_plans.idle_places import IdlePlaces
-from sapopt.solvers.dual_decomposition.network_plans.places import flow_with_places, has_places
 from sapopt.solvers.dual_decomposition.network_plans.rear import Rear
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
-    largest,
     restricted_flow,
 )
-from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Places
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
+    PLACES_REGRET,
+    Places,
+    can_wait,
+    waiting_flow,
+)
 from sapopt.solvers.dual_decomposition.network_plans.window_search import (
+    largest,
     parking_tasks,
     typical_benefit,
 )
@@ -97,6 +99,12 @@ class _Pace:
     """Seconds of the last repricing."""
     credit: float = 0.0
     """Seconds that repricing was allowed and has not taken."""
+    regret: float = math.inf
+    """Reduced cost of the last window's network."""
+
+    def ladder(self, regrets: tuple[float, ...]) -> tuple[float, ...]:
+        """Those of the falling reduced costs that are worth trying after the last window."""
+        return regrets
 
     @property
     def kept(self) -> int:
@@ -138,8 +146,6 @@ class _WaitingPace(_Pace):
 
     agents: int = 1
     density: float = _DENSITY
-    regret: float = math.inf
-    """Reduced cost of the last network, in typical benefits."""
 
     def __post_init__(self) -> None:
         self.arcs = self.density * self.agents * self.length
@@ -152,10 +158,6 @@ class _WaitingPace(_Pace):
     def ladder(self, regrets: tuple[float, ...]) -> tuple[float, ...]:
         """Those of the falling reduced costs that are worth trying after the last window."""
         return tuple(regret for regret in regrets if regret <= _REACH * self.regret)
-
-    def fitted(self, regret: float) -> None:
-        """Remember the reduced cost of a network."""
-        self.regret = regret
 
     def shrink(self) -> bool:
         """Half the arcs."""
@@ -214,7 +216,7 @@ def rolling_windows(
             arrays, plan, prices, rng, reprice=reprice, seconds=seconds, end=end, stop=stop, joined=joined
         )
 
-    if threads == 1 or math.isinf(seconds) or has_places(arrays):
+    if threads == 1 or math.isinf(seconds) or can_wait(arrays):
         return roll(lambda plan, front: plan)
     with Rear(arrays, prices, np.random.default_rng(rng.integers(2**63)), lambda: end - clock.now()) as rear:
         return roll(rear.joined)
@@ -234,7 +236,7 @@ def _rolled(
 ) -> IntArray | None:
     """The front of `rolling_windows`; ``joined(plan, front)`` hears of kept steps, returns the plan to go on with."""
     steps = arrays.steps
-    waits, unhurried = has_places(arrays), math.isinf(seconds)
+    waits, unhurried = can_wait(arrays), math.isinf(seconds)
     if waits:
         fitting = _FIRST_ARCS / (_DENSITY * arrays.agents)
         length = _LONG_WAITING if unhurried else int(np.clip(fitting, _SHORTEST, _LONG_WAITING))
@@ -255,7 +257,7 @@ def _rolled(
             prices = prices.copy()
             prices[first:] = reprice(first, plan[first - 1], prices[first:])
             pace.repriced(clock.now() - began)
-        flow, places = _fitting_flow(arrays, plan, prices, first, last, rng, pace)
+        flow, places = _fitting_flow(arrays, plan, prices, first, last, rng, pace, waits)
         limit = min(left, _PATIENCE * allowed)
         found = solve_flow(flow, plan, arrays.tasks, gap=_GAP, seconds=limit, stop=stop, places=places)
         if found is None and not unhurried and pace.shrink():
@@ -277,23 +279,23 @@ def _fitting_flow(
     last: int,
     rng: np.random.Generator,
     pace: _Pace,
-) -> tuple[RestrictedFlow, Places | IdlePlaces | None]:
+    waits: bool,
+) -> tuple[RestrictedFlow, Places | None]:
     """The network of all agents in a window with the largest reduced cost that fits, or else the smallest.
 
     With the places for those who wait, if they may do so wherever there is room.
     """
     everyone = np.arange(arrays.agents)
-    scale = typical_benefit(arrays, 0, arrays.steps)
-    if isinstance(pace, _WaitingPace):
-        return flow_with_places(
-            arrays, plan, prices, everyone, first, last, pace.ladder(_WAITING_REGRETS), scale, int(pace.arcs),
-            arrays.steps, pace.fitted,
-        )  # fmt: skip
     parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
+    scale = typical_benefit(arrays, 0, arrays.steps)
 
     def network(regret: float, limit: int) -> RestrictedFlow:
-        return restricted_flow(
-            arrays, plan, prices, everyone, first, last, regret, parking, limit, arrays.steps
-        )
+        pace.regret, end = regret / scale, arrays.steps
+        if waits:
+            return waiting_flow(arrays, plan, prices, everyone, first, last, regret, limit, end)
+        return restricted_flow(arrays, plan, prices, everyone, first, last, regret, parking, limit, end)
 
-    return largest(network, _REGRETS, scale, int(pace.arcs)), None
+    flow = largest(network, pace.ladder(_WAITING_REGRETS if waits else _REGRETS), scale, int(pace.arcs))
+    if not waits:
+        return flow, None
+    return flow, Places.of(arrays, flow, plan, prices, everyone, first, last, PLACES_REGRET * scale)

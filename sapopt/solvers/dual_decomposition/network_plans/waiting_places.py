@@ -27,18 +27,17 @@ from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
 _FEW_SPARE = 0.1
 """Spare tasks for every agent above which a few of them, drawn at random, serve as well."""
 
+PLACES_REGRET = 1.4
+"""What a place may cost more than the cheapest of its spell, in typical benefits."""
+
 _SPARSE = 0.25
 """Share of the pairs that are worth something above which nobody waits out of sight."""
 
 
 def can_wait(arrays: Arrays) -> bool:
     """Whether networks of this problem may have spells of waiting: one cost for all moves, and agents that wait."""
-    return arrays.matrix.shape[0] == 0 and not arrays.idle_is_free and is_sparse(arrays)
-
-
-def is_sparse(arrays: Arrays) -> bool:
-    """Whether most pairs are worth nothing."""
-    return len(arrays.data) <= _SPARSE * arrays.steps * arrays.agents * arrays.tasks
+    uniform = arrays.matrix.shape[0] == 0 and not arrays.idle_is_free
+    return uniform and len(arrays.data) <= _SPARSE * arrays.steps * arrays.agents * arrays.tasks
 
 
 def wait_anywhere(arrays: Arrays) -> bool:

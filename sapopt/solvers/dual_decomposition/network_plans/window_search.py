@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,14 +14,16 @@ from sapopt.data.types import FloatArray, IntArray
 from sapopt.kernels.jit import njit
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
-from sapopt.solvers.dual_decomposition.network_plans.idle_places import IdlePlaces, idles_freely
-from sapopt.solvers.dual_decomposition.network_plans.places import flow_with_places
 from sapopt.solvers.dual_decomposition.network_plans.restricted_flow import (
     RestrictedFlow,
-    largest,
     restricted_flow,
 )
-from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Places, wait_anywhere
+from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
+    PLACES_REGRET,
+    Places,
+    wait_anywhere,
+    waiting_flow,
+)
 
 REGRETS = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
 """Ladder of reduced costs, in typical benefits. Long windows with small ones gain more than short ones with large."""
@@ -126,15 +128,13 @@ def improve_window(
     scale = typical_benefit(arrays, first, last)
     flow = restricted_flow(arrays, plan, prices, everyone, first, last, GROUP_REGRET * scale, parking)
     value = arrays.value(plan)
-    waits = idles_freely(arrays) or (last - first <= _LONGEST_WAITING and wait_anywhere(arrays))
+    waits = last - first <= _LONGEST_WAITING and wait_anywhere(arrays)
     for group in groups_of(flow, arrays.agents, arrays.tasks, effort.arcs, rng):
         if seconds_left() <= 0:
             break
-        places: Places | IdlePlaces | None = None
+        places = None
         if waits:
-            flow, places = flow_with_places(
-                arrays, plan, prices, group, first, last, _WAITING_REGRETS, scale, effort.arcs
-            )
+            flow, places = _with_places(arrays, plan, prices, group, first, last, scale, effort.arcs)
         else:
             flow = _fitting(arrays, plan, prices, group, first, last, scale, parking[group], effort.arcs)
         seconds = max(SHARE_OF_TIME * seconds_left(), 0.01)
@@ -185,6 +185,39 @@ def _fitting(
         return restricted_flow(arrays, plan, prices, agents, first, last, regret, parking, limit)
 
     return largest(network, (math.inf,) if everything else REGRETS, scale, arcs)
+
+
+def _with_places(
+    arrays: Arrays,
+    plan: IntArray,
+    prices: FloatArray,
+    agents: IntArray,
+    first: int,
+    last: int,
+    scale: float,
+    arcs: int,
+) -> tuple[RestrictedFlow, Places]:
+    """The same where agents wait wherever there is room, and the places for that."""
+
+    def network(regret: float, limit: int) -> RestrictedFlow:
+        return waiting_flow(arrays, plan, prices, agents, first, last, regret, limit)
+
+    flow = largest(network, _WAITING_REGRETS, scale, arcs)
+    return flow, Places.of(arrays, flow, plan, prices, agents, first, last, PLACES_REGRET * scale)
+
+
+def largest(
+    network: Callable[[float, int], RestrictedFlow], regrets: Sequence[float], scale: float, arcs: int
+) -> RestrictedFlow:
+    """The network of the first of the falling reduced costs that has at most ``arcs`` arcs, or else of the last.
+
+    ``network(regret, limit)`` may leave it incomplete once it has more arcs than the limit.
+    """
+    for regret in regrets[:-1]:
+        flow = network(regret * scale, arcs)
+        if len(flow.tail) <= arcs:
+            return flow
+    return network(regrets[-1] * scale, 2**62)
 
 
 def groups_of(
