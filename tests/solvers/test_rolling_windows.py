@@ -144,6 +144,7 @@ def test_windows_with_places_grow_longer_before_they_grow_denser() -> None:
     for _ in range(20):
         pace.learn(took=2.0, allowed=1.0)
     assert (pace.length, pace.density) == (module._SHORTEST, module._SPARSEST)
+    assert pace.kept == module._SHORTEST - 1  # late: more is kept than should be
     lengths = []
     for _ in range(60):
         pace.learn(took=0.1, allowed=1.0)
@@ -153,6 +154,7 @@ def test_windows_with_places_grow_longer_before_they_grow_denser() -> None:
     assert lengths == sorted(lengths)
     assert (pace.length, pace.density) == (module._LONGEST_SPELLS, module._DENSEST)
     assert pace.arcs == pace.length * 100 * pace.density
+    assert module._SHORTEST // 2 <= pace.kept <= pace.length // 2
 
 
 def test_a_network_is_looked_for_near_the_last_one() -> None:

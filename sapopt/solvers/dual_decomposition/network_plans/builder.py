@@ -36,7 +36,7 @@ _NARROW_GAP = 0.01
 """Gap of the rolling assignment below which windows gain more for their time than another one with better prices, where
 there is a clock and agents have tasks to spare."""
 
-_WINDOWS_SHARE, _WAITING_SHARE = 0.8, 0.9
+_WINDOWS_SHARE, _WAITING_SHARE = 0.8, 0.95
 """Share of the time left that rolling windows may take, and where hardly a task is spare."""
 
 _WINDOW_REPRICINGS = 20

@@ -146,6 +146,8 @@ class _WaitingPace(_Pace):
 
     agents: int = 1
     density: float = _DENSITY
+    is_late: bool = False
+    """Whether more of a window is kept than should be, since smaller networks would be worth nothing."""
 
     def __post_init__(self) -> None:
         self.arcs = self.density * self.agents * self.length
@@ -153,7 +155,7 @@ class _WaitingPace(_Pace):
     @property
     def kept(self) -> int:
         """Steps of a window that are kept."""
-        return max(round(_KEPT * self.length), 1)
+        return self.length - 1 if self.is_late else max(round(_KEPT * self.length), _SHORTEST // 2)
 
     def ladder(self, regrets: tuple[float, ...]) -> tuple[float, ...]:
         """Those of the falling reduced costs that are worth trying after the last window."""
@@ -170,9 +172,12 @@ class _WaitingPace(_Pace):
             if self.length > _SHORTEST and self.density <= _DENSITY:
                 self.length -= 1
             else:
+                self.is_late = self.density <= _SPARSEST
                 self.density = max(_SPARSEST, _SLOWLY * self.density)
         elif took < 0.7 * allowed:
-            if self.density < _DENSITY or self.length == _LONGEST_SPELLS:
+            if self.is_late:
+                self.is_late = took >= 0.5 * allowed  # what is kept next is a third less
+            elif self.density < _DENSITY or self.length == _LONGEST_SPELLS:
                 self.density = min(_DENSEST, self.density / _SLOWLY)
             else:
                 self.length = min(_LONGEST_SPELLS, self.length + (1 if took > 0.4 * allowed else 2))
