@@ -291,12 +291,12 @@ def _fitting_flow(
     With the places for those who wait, if they may do so wherever there is room.
     """
     everyone = np.arange(arrays.agents)
-    parking = parking_tasks(arrays, plan, first, last, _PARKING, rng)
+    parking = None if waits else parking_tasks(arrays, plan, first, last, _PARKING, rng)
     scale = typical_benefit(arrays, 0, arrays.steps)
 
     def network(regret: float, limit: int) -> RestrictedFlow:
         pace.regret, end = regret / scale, arrays.steps
-        if waits:
+        if parking is None:
             return waiting_flow(arrays, plan, prices, everyone, first, last, regret, limit, end)
         return restricted_flow(arrays, plan, prices, everyone, first, last, regret, parking, limit, end)
 

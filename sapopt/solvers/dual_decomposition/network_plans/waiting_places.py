@@ -59,7 +59,7 @@ def waiting_flow(
     """`restricted_flow` of a window, in which task ``m + s`` stands for waiting somewhere from step ``first + s`` on.
 
     That costs, at least, what the task does that is cheapest over these steps. An agent may also wait where the plan
-    has it after the window.
+    has it after the window. ``until`` is that of `restricted_flow`.
     """
     length, n = last - first, len(agents)
     end = last if until is None else until
