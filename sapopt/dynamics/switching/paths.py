@@ -354,21 +354,23 @@ class IdleFreeSwitching(_Switching):
 
     @property
     def coldest(self) -> float:
-        """Lowest temperature of `soft_paths`: below it the weight of two moves leaves the range of floats."""
-        return coldest_temperature(self.cost)
+        """Any temperature will do."""
+        return 0.0
 
     def soft_paths(self, prices: FloatArray, temperature: float) -> tuple[FloatArray, FloatArray]:
         """Soft values (n,) and expected usage (T, m) at `prices`, which must be finite."""
         T, n, m = self._shape
-        smoothing = self.smoothing(prices, temperature)
+        p = self._prices(prices)
+        least = p.min(axis=1, keepdims=True)  # counted from it, no price makes all weights vanish
+        smoothing = self.smoothing(p - least, temperature)
         cheapest = cheapest_and_rest(smoothing.prices, smoothing.weight, min(m, self._count + 32))
         log_z = np.empty(n)
         usage, unlisted = summed_in_blocks(
             soft_idle.soft_idle_free_paths, n, ((T, m), (T,)), self.window, smoothing, cheapest, log_z,
-            scratch=partial(soft_idle.idle_soft_scratch, T, m, self._most), turns=10.0 * self._turns,
+            scratch=partial(soft_idle.idle_soft_scratch, T, m, self._most), turns=20.0 * self._turns,
         )  # fmt: skip
         usage += unlisted[:, None] * smoothing.weight
-        return smoothing.temperature * log_z, usage
+        return smoothing.temperature * log_z - float(least.sum()), usage
 
 
 class MatrixSwitching(_Switching):

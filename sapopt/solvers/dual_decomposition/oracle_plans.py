@@ -66,6 +66,7 @@ class OraclePlans:
     problem: SAP
     oracle: PathOracle
     lives_on_prices: bool = False
+    has_untried: bool = False
 
     def rolling(self, search: Search) -> Iterator[Found]:
         """A rolling assignment, and another one with repricing."""

@@ -94,6 +94,10 @@ class PlanBuilder(Protocol):
     def lives_on_prices(self) -> bool:
         """Whether a round gains more from better prices, planned with anew, than from work on the best plan."""
 
+    @property
+    def has_untried(self) -> bool:
+        """Whether a round may do what none has done yet, where a clock decides what it does."""
+
     def rolling(self, search: Search) -> Iterator[Found]:
         """Plans from the prices alone, the quick ones first; ends early where the run does."""
 

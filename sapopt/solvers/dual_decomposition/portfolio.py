@@ -65,6 +65,8 @@ class Portfolio:
     _rates: dict[type, float] = field(default_factory=dict)
     """Gain for every second of the last rounds of a way; infinite at first."""
     _turns: dict[type, int] = field(default_factory=dict)
+    _idle: dict[type, float] = field(default_factory=dict)
+    """Seconds since a way's last better plan that it has worked."""
     _last_gain: float = math.inf
     _last: type = _BUILDER
 
@@ -91,7 +93,7 @@ class Portfolio:
         """Whether nothing but the builder has anything to say any more."""
         return not self.awake
 
-    def turn(self, distance: float, seconds_left: float) -> Way:
+    def turn(self, distance: float, seconds_left: float, has_untried: bool = False) -> Way:
         """Whose turn it is; the others are compiled and made only where the builder's rounds do not pay.
 
         Parameters
@@ -101,12 +103,17 @@ class Portfolio:
         seconds_left : float
             Infinite without a time limit. Then nothing may depend on the clock: all take turns from the first poor
             round on.
+        has_untried : bool
+            Whether the builder has work of a kind that was not tried yet: where agents wait for long it goes first,
+            since the others gain little there.
         """
         if math.isinf(seconds_left):
             if self._last is not _BUILDER or not self._last_gain < _PAYING_TURN * distance or self.is_tired:
                 return None
             return min(self.awake, key=lambda way: self._turns.get(type(way), 0))
         if self._rate(_BUILDER) * seconds_left > _PAYING * distance or self.is_tired:
+            return None
+        if has_untried and self.first_dives is None:
             return None
         latest = _LATEST_SPARSE if self.first_dives is None else _LATEST
         is_late = self.time_limit is not None and seconds_left < latest * self.time_limit
@@ -128,17 +135,18 @@ class Portfolio:
         floor = 0.0 if math.isinf(before) else _FORGETTING * before
         self._rates[kind] = max(gain / max(seconds, 1e-3), floor)
         self._turns[kind] = self._turns.get(kind, 0) + 1
+        self._idle[kind] = 0.0 if gain > 0.0 else self._idle.get(kind, 0.0) + seconds
         self._last, self._last_gain = kind, gain
 
     def _rate(self, kind: type) -> float:
         return self._rates.get(kind, math.inf)
 
     def _best(self, ways: list[W], distance: float, seconds_left: float) -> W:
-        # What would not be felt in the time left counts as nothing, and then they take turns.
+        # What would not be felt in the time left counts as nothing, and then all get as much time.
         least = _FELT * distance / max(seconds_left, 1e-3)
 
-        def promise(way: W) -> tuple[float, int]:
+        def promise(way: W) -> tuple[float, float]:
             rate = self._rate(type(way))
-            return rate if rate > least else 0.0, -self._turns.get(type(way), 0)
+            return rate if rate > least else 0.0, -self._idle.get(type(way), 0.0)
 
         return max(ways, key=promise)

@@ -174,8 +174,10 @@ class DualSearch:
         quiet = windows = 0
         rest = _DUAL_REST
         for _ in self.turns():
+            if self.seconds_left <= 0.0:
+                break
             began, before = self.run.seconds, self.value
-            way = self.portfolio.turn(self.bound - self.value, self.seconds_left)
+            way = self.portfolio.turn(self.bound - self.value, self.seconds_left, self.builder.has_untried)
             if way is None:
                 yield from self.offered(self.builder.improve(self, windows))
                 windows += 1

@@ -78,6 +78,11 @@ class NetworkPlans:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_rounds", Rounds(self.arrays.steps, efforts_for(self.arrays)))
 
+    @property
+    def has_untried(self) -> bool:
+        """See `PlanBuilder`."""
+        return self._rounds.has_untried
+
     def rolling(self, search: Search) -> Iterator[Found]:
         """A rolling assignment; then rolling windows where it left a wide gap, or another one with repricing."""
         plan = plan_by_futures(self.arrays, search.settled_prices, lambda: search.report(ROLLING))
@@ -211,6 +216,11 @@ class LargeNetworkPlans:
     def lives_on_prices(self) -> bool:
         """See `PlanBuilder`."""
         return not self.in_windows
+
+    @property
+    def has_untried(self) -> bool:
+        """See `PlanBuilder`."""
+        return self.in_windows and self._rounds.has_untried
 
     def rolling(self, search: Search) -> Iterator[Found]:
         """Rolling assignments that look at a window of steps, without and with improved prices."""

@@ -10,9 +10,6 @@ from sapopt.solvers.dual_decomposition.network_plans.window_search import EFFORT
 _GROUP_ARCS = 10_000
 """Size of the networks of few agents over the whole horizon."""
 
-_GROUPS_AFTER = 3
-"""Efforts that are tried before groups of few agents, which take longer for what they gain."""
-
 _PAYING = 0.5
 """Share of the gap that the best rounds must be on the way to close in the time left, or something larger is tried."""
 
@@ -78,6 +75,11 @@ class Rounds:
         shift = int(self._turns.get(best, 0) * GOLDEN % 1.0 * best.length)
         return best, 0 if best == self._groups else shift
 
+    @property
+    def has_untried(self) -> bool:
+        """Whether there are windows of a kind that was not tried yet."""
+        return any(effort not in self._rates for effort in self._ladder)
+
     def learn(self, effort: Effort, gain: float, seconds: float) -> None:
         """Remember what a round gained."""
         rate = gain / max(seconds, 1e-3)
@@ -88,7 +90,7 @@ class Rounds:
         """Whether it is time for rolling windows again: where all windows were tried, gain little, and time is left."""
         if math.isinf(seconds_left) or seconds_left < _FRONT_TIME * self._front_seconds:
             return False
-        if any(effort not in self._rates for effort in self._ladder):
+        if self.has_untried:
             return False
         return max(self._rates.values()) * seconds_left <= _FRONT * distance
 
@@ -104,4 +106,4 @@ class Rounds:
 
     @property
     def _ladder(self) -> list[Effort]:
-        return [*self.efforts[:_GROUPS_AFTER], self._groups, *self.efforts[_GROUPS_AFTER:]]
+        return [*self.efforts, self._groups]  # groups take longest for what they gain
