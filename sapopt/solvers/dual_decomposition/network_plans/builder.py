@@ -223,13 +223,16 @@ class LargeNetworkPlans:
         return self.in_windows and self._rounds.has_untried
 
     def rolling(self, search: Search) -> Iterator[Found]:
-        """Rolling assignments that look at a window of steps, without and with improved prices."""
+        """Rolling assignments that look at a window of steps, without and with improved prices, or rolling windows.
+
+        Windows gain more than improved prices for their time, and need all of it to reach the horizon's end.
+        """
 
         def seconds(k: int) -> float:
             return _REPRICING_SHARE * search.seconds_left / (self.problem.T - k)
 
         ways: dict[str, dict[str, Any]] = {ROLLING: {}}
-        if search.most_repricings:
+        if search.most_repricings and not self.in_windows:
             ways[REPRICED] = {
                 "window": _REPRICED_WINDOW, "iterations": 2 * search.most_repricings, "seconds": seconds
             }  # fmt: skip

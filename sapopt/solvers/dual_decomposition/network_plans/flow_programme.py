@@ -24,8 +24,9 @@ from sapopt.solvers.dual_decomposition.network_plans.waiting_places import Place
 _OPTIONS: dict[str, Any] = {"threads": 1, "mip_abs_gap": 1e-6}
 """Several networks are solved at the same time, and none has to be proven to the last digit."""
 
-_INTERIOR = 40_000
-"""Columns from which on the interior point method, with a crossover, is faster than the simplex method."""
+_INTERIOR, _INTERIOR_WAITING = 40_000, 100_000
+"""Columns from which on the interior point method, with a crossover, is faster than the simplex method: without and with
+places to wait."""
 
 _NOTHING = 1e-9
 """Share of the relaxation's value below which nothing is to be gained."""
@@ -121,7 +122,7 @@ def _integral(
     The programme is solved as it stands only where that gives none or, if the search is `thorough`, loses much of what
     could be gained over ``start``; ``agents`` are those of the columns, `_NOBODY` where they belong to none.
     """
-    method = "ipm" if len(programme.gain) >= _INTERIOR else "simplex"
+    method = "ipm" if len(programme.gain) >= (_INTERIOR if thorough else _INTERIOR_WAITING) else "simplex"
     relaxed = solved(programme, relaxed=True, options=_OPTIONS | {"solver": method})
     if relaxed is None:
         return None
