@@ -152,7 +152,8 @@ def test_thousands_of_agents_have_windows(monkeypatch: pytest.MonkeyPatch) -> No
     problem = crowded(3, 60, 60, 12, share=0.3)
     method = DualDecomposition(iterations=30, tolerance=0.0)
     solve(problem, method, time_limit=3.0)
-    assert len(limits) == 1 and 1.0 < limits[0] < 3.0
+    assert len(limits) == 1
+    assert 1.0 < limits[0] < 3.0
     result = solve(problem, method)
     assert len(limits) == 1
     assert not any("windows" in line["phase"] for line in result.trace)
