@@ -101,7 +101,18 @@ class NetworkPlans:
             )
 
     def _windows_ahead(self, search: Search) -> Iterator[Found]:
-        return _windows_ahead(self.arrays, self._rounds, search, self.threads)
+        """The plan of rolling windows, which begin from the best one."""
+        phase, before, began = "rolling windows", search.value, search.seconds_left
+        share = _WAITING_SHARE if wait_anywhere(self.arrays) else _WINDOWS_SHARE
+        plan = rolling_windows(
+            self.arrays, search.best, search.settled_prices, search.rng,
+            reprice=search.repricing(_WINDOW_REPRICINGS), seconds=share * began, stop=lambda: search.report(phase),
+            threads=self.threads,
+        )  # fmt: skip
+        if plan is not None:
+            yield phase, plan
+        if math.isfinite(began):
+            self._rounds.learn_front(search.value - before, began - search.seconds_left)
 
     def sweep(
         self,
@@ -153,21 +164,6 @@ class NetworkPlans:
         return self.arrays.value(plan) > value + 1e-9
 
 
-def _windows_ahead(arrays: Arrays, rounds: Rounds, search: Search, threads: int) -> Iterator[Found]:
-    """The plan of rolling windows, which begin from the best one."""
-    phase, before, began = "rolling windows", search.value, search.seconds_left
-    share = _WAITING_SHARE if wait_anywhere(arrays) else _WINDOWS_SHARE
-    plan = rolling_windows(
-        arrays, search.best, search.settled_prices, search.rng,
-        reprice=search.repricing(_WINDOW_REPRICINGS), seconds=share * began, stop=lambda: search.report(phase),
-        threads=threads,
-    )  # fmt: skip
-    if plan is not None:
-        yield phase, plan
-    if math.isfinite(began):
-        rounds.learn_front(search.value - before, began - search.seconds_left)
-
-
 def _round_of_windows(
     arrays: Arrays, rounds: Rounds, search: Search, turn: int, threads: int
 ) -> Iterator[Found]:
@@ -200,39 +196,28 @@ class LargeNetworkPlans:
     threads : int
         Windows solved at the same time.
     in_windows : bool
-        Whether windows improve the best plan, as with `NetworkPlans`; else all is planned again with better prices.
+        Whether windows improve the best plan once the prices are better; else all is planned again with these.
     """
 
     problem: SAP
     arrays: Arrays
     threads: int
     in_windows: bool
+    lives_on_prices: bool = True
+    has_untried: bool = False
     _rounds: Rounds = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_rounds", Rounds(self.arrays.steps, efforts_for(self.arrays)))
 
-    @property
-    def lives_on_prices(self) -> bool:
-        """See `PlanBuilder`."""
-        return not self.in_windows
-
-    @property
-    def has_untried(self) -> bool:
-        """See `PlanBuilder`."""
-        return self.in_windows and self._rounds.has_untried
-
     def rolling(self, search: Search) -> Iterator[Found]:
-        """Rolling assignments that look at a window of steps, without and with improved prices, or rolling windows.
-
-        Windows gain more than improved prices for their time, and need all of it to reach the horizon's end.
-        """
+        """Rolling assignments that look at a window of steps, without and with improved prices."""
 
         def seconds(k: int) -> float:
             return _REPRICING_SHARE * search.seconds_left / (self.problem.T - k)
 
         ways: dict[str, dict[str, Any]] = {ROLLING: {}}
-        if search.most_repricings and not self.in_windows:
+        if search.most_repricings:
             ways[REPRICED] = {
                 "window": _REPRICED_WINDOW, "iterations": 2 * search.most_repricings, "seconds": seconds
             }  # fmt: skip
@@ -243,8 +228,6 @@ class LargeNetworkPlans:
             if plan is None:
                 return
             yield phase, plan
-        if self.in_windows and search.gap > _WIDE_WAITING:
-            yield from _windows_ahead(self.arrays, self._rounds, search, self.threads)
 
     def sweep(
         self,
@@ -257,10 +240,19 @@ class LargeNetworkPlans:
         return sweep_by_arrays(self.arrays, plan, prices, rng, seconds_left)
 
     def improve(self, search: Search, turn: int) -> Iterator[Found]:
-        """Windows where there are places to wait; else plan again with the prices as they are now, which gains more."""
-        if self.in_windows:
-            return _round_of_windows(self.arrays, self._rounds, search, turn, self.threads)
-        return self.rolling(search)
+        """Windows where there are places to wait; else plan again with the prices as they are now, which gains more.
+
+        Windows go on as long as they gain. Rolling windows are too slow here: with as many arcs as fit into a quarter
+        of an hour, they end in plans that are worse than those of improved prices.
+        """
+        if not self.in_windows:
+            yield from self.rolling(search)
+            return
+        while search.seconds_left > 0.0:
+            before = search.value
+            yield from _round_of_windows(self.arrays, self._rounds, search, turn, self.threads)
+            if search.value <= before and not self._rounds.has_untried:
+                return
 
     def promises(self, plan: IntArray, value: float) -> bool:
         """By the compiled value of the plan."""

@@ -25,8 +25,8 @@ _OPTIONS: dict[str, Any] = {"threads": 1, "mip_abs_gap": 1e-6}
 """Several networks are solved at the same time, and none has to be proven to the last digit."""
 
 _INTERIOR, _INTERIOR_WAITING = 40_000, 100_000
-"""Columns from which on the interior point method, with a crossover, is faster than the simplex method: without and with
-places to wait."""
+"""Columns from which on the interior point method, with a crossover, is faster than the simplex method: without and
+with places to wait."""
 
 _NOTHING = 1e-9
 """Share of the relaxation's value below which nothing is to be gained."""
