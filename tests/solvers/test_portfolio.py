@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from sapopt import SAP, SwitchingCost
 from sapopt.solvers.dual_decomposition.dives import Dives
 from sapopt.solvers.dual_decomposition.exchanges import Exchanges
 from sapopt.solvers.dual_decomposition.portfolio import Portfolio
+from sapopt.solvers.dual_decomposition.search import DualSearch
 
 
 @pytest.fixture
@@ -47,3 +50,14 @@ def test_who_has_found_something_is_not_idle(sparse: Portfolio) -> None:
     exchanges = next(way for way in sparse.others if isinstance(way, Exchanges))
     sparse.learn(exchanges, 1.0, 30.0)
     assert sparse.turn(10.0, 25.0) is exchanges
+
+
+@pytest.mark.parametrize("rounds", [None, 5])
+def test_no_round_begins_once_time_is_over(rounds: int | None) -> None:
+    """Rounds that find nothing give the caller no chance to look at the clock."""
+    search = Mock(seconds_left=1.0)
+    search.options.rounds, search.run.time_limit = rounds, 10.0
+    turns = DualSearch.turns(search)
+    assert next(turns) == 0
+    search.seconds_left = 0.0
+    assert list(turns) == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -174,8 +174,6 @@ class DualSearch:
         quiet = windows = 0
         rest = _DUAL_REST
         for _ in self.turns():
-            if self.seconds_left <= 0.0:
-                break
             began, before = self.run.seconds, self.value
             way = self.portfolio.turn(self.bound - self.value, self.seconds_left, self.builder.has_untried)
             if way is None:
@@ -220,11 +218,11 @@ class DualSearch:
                 yield
 
     def turns(self) -> Iterator[int]:
-        """Numbers of rounds, as many as the options or the clock allow."""
+        """Numbers of rounds, as many as the options and the clock allow."""
         most = self.options.rounds
         if most is None and self.run.time_limit is None:
             most = _ROUNDS
-        return iter(count() if most is None else range(most))
+        return takewhile(lambda turn: self.seconds_left > 0.0, count() if most is None else range(most))
 
     def offered(self, found: Iterator[Found]) -> Iterator[None]:
         """Score plans as they come."""

@@ -45,6 +45,9 @@ _MOVES_PER_CELL = 100
 _LONGEST = 8
 """Without a time limit no annealing is longer than so many first ones."""
 
+_LONGEST_BY_THE_CLOCK = 1e9
+"""The same with one, which ends it long before; doubling goes on for ever where rounds are cut short."""
+
 _SLICE = 0.02
 """Seconds between two looks at the clock."""
 
@@ -123,9 +126,8 @@ class Exchanges:
         else:
             self.quiet += 0 if hurried else 1
             self._heat = (self._heat + self.threads) % len(_HEATS)
-            self._factor = 2.0 * self._factor
-            if math.isinf(seconds):
-                self._factor = min(self._factor, float(_LONGEST))
+            most = float(_LONGEST) if math.isinf(seconds) else _LONGEST_BY_THE_CLOCK
+            self._factor = min(2.0 * self._factor, most)
         self._pace = max(job.pace for job in jobs)
 
 
