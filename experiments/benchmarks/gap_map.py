@@ -39,6 +39,10 @@ COPY_SECONDS = 10.0
 """Time of `DualDecomposition` on a copy."""
 
 
+PLANE = 18
+"""Satellites of a plane of `constellation-mid`."""
+
+
 @dataclass(frozen=True)
 class Family:
     """Problems of one kind: at full size, and small enough to be solved to optimality."""
@@ -102,10 +106,6 @@ def orbit(**options: Any) -> Family:
         return SAP(benefits[:, :, np.sort(tasks)], whole.dynamics)
 
     return Family(lambda seed: instance("constellation-mid", seed, **options), plane)
-
-
-PLANE = 18
-"""Satellites of a plane of `constellation-mid`."""
 
 
 FAMILIES: dict[str, Family] = {

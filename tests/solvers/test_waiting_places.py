@@ -13,6 +13,7 @@ from sapopt.solvers import HAA, DualDecomposition, Exact
 from sapopt.solvers.dual_decomposition.network_plans.arrays import Arrays
 from sapopt.solvers.dual_decomposition.network_plans.flow_programme import solve_flow
 from sapopt.solvers.dual_decomposition.network_plans.rolling_windows import rolling_windows
+from sapopt.solvers.dual_decomposition.network_plans.rounds import Rounds
 from sapopt.solvers.dual_decomposition.network_plans.waiting_places import (
     Places,
     can_wait,
@@ -147,6 +148,22 @@ def test_thousands_of_agents_have_windows(monkeypatch: pytest.MonkeyPatch) -> No
 
     assert any(phase.startswith("windows") for phase in phases(3.0))
     assert not any("windows" in phase for phase in phases(None))
+
+
+def test_thousands_of_agents_have_as_many_rounds_as_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One round of windows for each, though there is time for many."""
+    monkeypatch.setattr("sapopt.solvers.dual_decomposition.solver._LARGE", 0)
+    rounds: list[Effort] = []
+    learn = Rounds.learn
+
+    def counted(self: Rounds, effort: Effort, gain: float, seconds: float) -> None:
+        rounds.append(effort)
+        learn(self, effort, gain, seconds)
+
+    monkeypatch.setattr(Rounds, "learn", counted)
+    method = DualDecomposition(iterations=30, tolerance=0.0, rounds=1)
+    solve(crowded(3, 60, 60, 12, share=0.3), method, time_limit=3.0)
+    assert len(rounds) == 1
 
 
 def test_where_it_does_not_apply() -> None:

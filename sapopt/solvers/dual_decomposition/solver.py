@@ -202,5 +202,7 @@ def _network_builder(options: DualDecomposition, problem: SAP, run: Run) -> Plan
         paths_from(options, problem, problem.T - 1, None), FirstRowsOracle
     ):
         in_windows = run.time_limit is not None and wait_anywhere(arrays)
-        return LargeNetworkPlans(problem, arrays, options.threads, in_windows)
+        return LargeNetworkPlans(
+            problem, arrays, options.threads, in_windows, at_length=options.rounds is None
+        )
     return NetworkPlans(arrays, options.threads)

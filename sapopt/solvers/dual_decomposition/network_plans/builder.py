@@ -197,12 +197,15 @@ class LargeNetworkPlans:
         Windows solved at the same time.
     in_windows : bool
         Whether windows improve the best plan once the prices are better; else all is planned again with these.
+    at_length : bool
+        Whether a round of the search goes on with windows as long as they gain, since rounds are not counted.
     """
 
     problem: SAP
     arrays: Arrays
     threads: int
     in_windows: bool
+    at_length: bool = True
     lives_on_prices: bool = True
     has_untried: bool = False
     _rounds: Rounds = field(init=False)
@@ -251,7 +254,7 @@ class LargeNetworkPlans:
         while search.seconds_left > 0.0:
             before = search.value
             yield from _round_of_windows(self.arrays, self._rounds, search, turn, self.threads)
-            if search.value <= before and not self._rounds.has_untried:
+            if not self.at_length or (search.value <= before and not self._rounds.has_untried):
                 return
 
     def promises(self, plan: IntArray, value: float) -> bool:
